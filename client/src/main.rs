@@ -1,0 +1,2 @@
+//! `lumicast-viewer`.
+fn main() {}

@@ -1,0 +1,2 @@
+//! `lumicast`.
+fn main() {}
