@@ -1,1 +1,14 @@
-//! The engine.
+//! Lumicast's engine: a scene goes in, light comes out.
+//!
+//! The engine knows nothing of network, async, files or user interfaces, and holds no global state.
+//! Its rooms stand in one row and import to the left only:
+//! `math ← scene ← accel ← transport ← film ← technique ← render`.
+//! Sources are cited by key (`[Veach1997]`); the keys are listed in `SOURCES.md` beside this crate.
+
+pub mod accel;
+pub mod film;
+pub mod math;
+pub mod render;
+pub mod scene;
+pub mod technique;
+pub mod transport;

@@ -1,0 +1,596 @@
+//! The one way into a [`Scene`]: every value from a file or an edit is checked here, once.
+//!
+//! A builder starts empty or from an existing scene; each method either makes its change or leaves the
+//! scene as it was and says why. Dropping the builder drops the changes, which makes batches atomic.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+use indexmap::{IndexMap, IndexSet};
+
+use super::{
+    Camera, Environment, Id, Light, LightKind, Material, MeshSource, Node, Projection, Scene, SceneError,
+    SceneLimits, Texels, Texture, TextureSlot, Warning, mesh_check,
+};
+use crate::math::Rgb;
+
+/// What the changes of one builder touched, by id, removed objects included.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SceneChange {
+    /// Nodes added, removed or moved, with all their descendants.
+    pub nodes: IndexSet<Id>,
+    /// Meshes added or removed.
+    pub meshes: IndexSet<Id>,
+    /// Materials added, changed or removed.
+    pub materials: IndexSet<Id>,
+    /// Lights added, changed, moved or removed.
+    pub lights: IndexSet<Id>,
+    /// Cameras added, changed, moved or removed.
+    pub cameras: IndexSet<Id>,
+    /// The environment changed.
+    pub environment: bool,
+}
+
+impl SceneChange {
+    /// True when only cameras changed, so that all light stays valid.
+    pub fn leaves_light_alone(&self) -> bool {
+        self.nodes.is_empty()
+            && self.meshes.is_empty()
+            && self.materials.is_empty()
+            && self.lights.is_empty()
+            && !self.environment
+    }
+}
+
+/// Builds or changes a scene; see the module's head.
+#[derive(Debug)]
+pub struct SceneBuilder {
+    scene: Scene,
+    change: SceneChange,
+    limits: SceneLimits,
+    vertices: u64,
+    triangles: u64,
+    texels: u64,
+    warnings_dropped: u64,
+}
+
+impl SceneBuilder {
+    /// An empty scene.
+    pub fn new(limits: SceneLimits) -> SceneBuilder {
+        SceneBuilder::from_scene(&Scene::default(), limits)
+    }
+
+    /// A scene to be changed; the original stays as it is.
+    pub fn from_scene(scene: &Scene, limits: SceneLimits) -> SceneBuilder {
+        SceneBuilder {
+            vertices: scene.meshes.values().map(|mesh| mesh.positions.len() as u64).sum(),
+            triangles: scene.meshes.values().map(|mesh| mesh.triangles.len() as u64).sum(),
+            texels: scene.textures.values().map(|texture| texture.texel_count() as u64).sum(),
+            scene: scene.clone(),
+            change: SceneChange::default(),
+            limits,
+            warnings_dropped: 0,
+        }
+    }
+
+    /// The scene as changed so far.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The limits it checks.
+    pub fn limits(&self) -> &SceneLimits {
+        &self.limits
+    }
+
+    /// The changed scene and what was touched.
+    pub fn finish(mut self) -> (Scene, SceneChange) {
+        if self.warnings_dropped > 0 {
+            let message = format!("{} more warnings were left out", self.warnings_dropped);
+            self.scene.warnings.push(Warning { object: "scene".into(), message });
+        }
+        (self.scene, self.change)
+    }
+
+    /// Notes something odd but usable. Beyond the limit only a count is kept.
+    pub fn warn(&mut self, object: impl Into<String>, message: impl Into<String>) {
+        if self.scene.warnings.len() < self.limits.warnings_max {
+            self.scene.warnings.push(Warning { object: object.into(), message: message.into() });
+        } else {
+            self.warnings_dropped += 1;
+        }
+    }
+
+    /// Adds an image under a new id.
+    pub fn add_texture(&mut self, id: Id, texture: Texture) -> Result<(), SceneError> {
+        refuse_duplicate("texture", &self.scene.textures, &id)?;
+        let expected = u64::from(texture.width) * u64::from(texture.height);
+        if expected == 0 || texture.texel_count() as u64 != expected {
+            let value = format!("{} texels for {}×{}", texture.texel_count(), texture.width, texture.height);
+            return Err(bad("texture", &id, "texels", value, "width × height texels, at least one"));
+        }
+        if let Texels::Rgba32F(texels) = &texture.texels {
+            let is_radiance = |texel: &[f32; 4]| texel.iter().all(|value| value.is_finite() && *value >= 0.0);
+            if let Some(texel) = texels.iter().find(|texel| !is_radiance(texel)) {
+                return Err(bad("texture", &id, "texels", format!("{texel:?}"), "finite and not negative"));
+            }
+        }
+        over_limit("texture", &id, "texels", self.texels + expected, self.limits.texels_max)?;
+        self.texels += expected;
+        self.scene.textures.insert(id, Arc::new(texture));
+        Ok(())
+    }
+
+    /// Adds a material or replaces the one of that id.
+    pub fn set_material(&mut self, id: Id, material: Material) -> Result<(), SceneError> {
+        check_material(&id, &material)?;
+        for (slot, texture) in TextureSlot::ALL.iter().zip(&material.textures) {
+            let Some(texture) = texture else { continue };
+            let Some(image) = self.scene.textures.get(&texture.texture) else {
+                return Err(unknown("texture", "texture", texture.texture.as_str()));
+            };
+            if slot.is_colour()
+                && matches!(image.texels, Texels::Rgba32F(_))
+                && *slot != TextureSlot::Emission
+            {
+                return Err(bad(
+                    "material",
+                    &id,
+                    "texture",
+                    "float texels".into(),
+                    "8-bit texels for a share of light",
+                ));
+            }
+        }
+        if !self.scene.materials.contains_key(&id) {
+            let count = self.scene.materials.len() as u64 + 1;
+            over_limit("material", &id, "materials", count, self.limits.materials_max as u64)?;
+        }
+        self.change.materials.insert(id.clone());
+        self.scene.materials.insert(id, Arc::new(material));
+        Ok(())
+    }
+
+    /// Adds a mesh under a new id. Triangles without area are left out with a warning.
+    pub fn add_mesh(&mut self, id: Id, source: MeshSource) -> Result<(), SceneError> {
+        refuse_duplicate("mesh", &self.scene.meshes, &id)?;
+        let vertices = self.vertices + source.positions.len() as u64;
+        let triangles = self.triangles + source.triangles.len() as u64;
+        over_limit("mesh", &id, "vertices", vertices, self.limits.vertices_max)?;
+        over_limit("mesh", &id, "triangles", triangles, self.limits.triangles_max)?;
+        if let Some(primitive) =
+            source.primitives.iter().find(|p| !self.scene.materials.contains_key(&p.material))
+        {
+            return Err(unknown("material", "material", primitive.material.as_str()));
+        }
+        let checked = mesh_check::check(&id, source, self.limits.coordinate_max_m)?;
+        for warning in checked.warnings {
+            self.warn(format!("mesh {id:?}"), warning);
+        }
+        self.vertices += checked.mesh.positions.len() as u64;
+        self.triangles += checked.mesh.triangles.len() as u64;
+        self.change.meshes.insert(id.clone());
+        self.scene.meshes.insert(id, Arc::new(checked.mesh));
+        Ok(())
+    }
+
+    /// Adds a node under a new id.
+    pub fn add_node(&mut self, id: Id, node: Node) -> Result<(), SceneError> {
+        refuse_duplicate("node", &self.scene.nodes, &id)?;
+        over_limit("node", &id, "nodes", self.scene.nodes.len() as u64 + 1, self.limits.nodes_max as u64)?;
+        check_transform("node", &id, &node.parent_from_node)?;
+        self.check_parent(node.parent.as_ref())?;
+        if let Some(mesh) = &node.mesh
+            && !self.scene.meshes.contains_key(mesh)
+        {
+            return Err(unknown("mesh", "mesh", mesh.as_str()));
+        }
+        let depth = 1 + self.depth_of(node.parent.as_ref());
+        over_limit("node", &id, "levels of nodes", depth, self.limits.node_depth_max as u64)?;
+        self.scene.nodes.insert(id.clone(), node);
+        if let Err(error) = self.check_placed(&id) {
+            self.scene.nodes.pop();
+            return Err(error);
+        }
+        self.change.nodes.insert(id);
+        Ok(())
+    }
+
+    /// Removes a node with everything below it: nodes, lights, cameras.
+    ///
+    /// A mesh goes with its last node, a material with its last mesh, a texture with its last material,
+    /// so that adding and removing things for hours does not fill the scene.
+    pub fn remove_node(&mut self, id: &str) -> Result<(), SceneError> {
+        let Some((id, _)) = self.scene.nodes.get_key_value(id) else {
+            return Err(unknown("node", "node", id));
+        };
+        let removed = self.with_descendants(&id.clone());
+        self.touch_mounted(&removed);
+        let mut orphans = IndexSet::new();
+        for node in &removed {
+            orphans.extend(self.scene.nodes.shift_remove(node).and_then(|node| node.mesh));
+        }
+        let on_removed = |parent: &Option<Id>| parent.as_ref().is_some_and(|parent| removed.contains(parent));
+        self.scene.lights.retain(|_, light| !on_removed(&light.parent));
+        self.scene.cameras.retain(|_, camera| !on_removed(&camera.parent));
+        self.change.nodes.extend(removed);
+        self.drop_unused_meshes(orphans);
+        Ok(())
+    }
+
+    /// Replaces a node's transform to its parent.
+    pub fn set_transform(&mut self, id: &str, parent_from_node: DAffine3) -> Result<(), SceneError> {
+        let Some((id, node)) = self.scene.nodes.get_key_value(id) else {
+            return Err(unknown("node", "node", id));
+        };
+        let (id, before) = (id.clone(), node.parent_from_node);
+        check_transform("node", &id, &parent_from_node)?;
+        self.scene.nodes[&id].parent_from_node = parent_from_node;
+        let moved = self.with_descendants(&id);
+        if let Some(error) = moved.iter().find_map(|node| self.check_placed(node).err()) {
+            self.scene.nodes[&id].parent_from_node = before;
+            return Err(error);
+        }
+        self.touch_mounted(&moved);
+        self.change.nodes.extend(moved);
+        Ok(())
+    }
+
+    /// Adds a punctual light under a new id.
+    pub fn add_light(&mut self, id: Id, light: Light) -> Result<(), SceneError> {
+        refuse_duplicate("light", &self.scene.lights, &id)?;
+        over_limit(
+            "light",
+            &id,
+            "lights",
+            self.scene.lights.len() as u64 + 1,
+            self.limits.lights_max as u64,
+        )?;
+        self.place_light(id, light)
+    }
+
+    /// Replaces a punctual light.
+    pub fn set_light(&mut self, id: &str, light: Light) -> Result<(), SceneError> {
+        let Some((id, _)) = self.scene.lights.get_key_value(id) else {
+            return Err(unknown("light", "light", id));
+        };
+        self.place_light(id.clone(), light)
+    }
+
+    /// Removes a punctual light.
+    pub fn remove_light(&mut self, id: &str) -> Result<(), SceneError> {
+        let Some((id, _)) = self.scene.lights.shift_remove_entry(id) else {
+            return Err(unknown("light", "light", id));
+        };
+        self.change.lights.insert(id);
+        Ok(())
+    }
+
+    /// Adds a camera or replaces the one of that id.
+    pub fn set_camera(&mut self, id: Id, camera: Camera) -> Result<(), SceneError> {
+        self.check_parent(camera.parent.as_ref())?;
+        check_transform("camera", &id, &camera.parent_from_camera)?;
+        match camera.projection {
+            Projection::Perspective { yfov_rad }
+                if !(yfov_rad > 1e-6 && yfov_rad < std::f64::consts::PI - 1e-6) =>
+            {
+                return Err(bad("camera", &id, "yfov_rad", yfov_rad.to_string(), "between 0 and π"));
+            }
+            Projection::Orthographic { half_height_m }
+                if !(half_height_m > 0.0 && half_height_m.is_finite()) =>
+            {
+                return Err(bad("camera", &id, "half_height_m", half_height_m.to_string(), "above 0"));
+            }
+            _ => {}
+        }
+        if let Some(aspect) = camera.aspect
+            && !(aspect > 1e-3 && aspect < 1e3)
+        {
+            return Err(bad("camera", &id, "aspect", aspect.to_string(), "between 0.001 and 1000"));
+        }
+        if !self.scene.cameras.contains_key(&id) {
+            let count = self.scene.cameras.len() as u64 + 1;
+            over_limit("camera", &id, "cameras", count, self.limits.cameras_max as u64)?;
+        }
+        self.change.cameras.insert(id.clone());
+        self.scene.cameras.insert(id, camera);
+        Ok(())
+    }
+
+    /// Removes a camera.
+    pub fn remove_camera(&mut self, id: &str) -> Result<(), SceneError> {
+        let Some((id, _)) = self.scene.cameras.shift_remove_entry(id) else {
+            return Err(unknown("camera", "camera", id));
+        };
+        self.change.cameras.insert(id);
+        Ok(())
+    }
+
+    /// Replaces the environment; an image that nothing else uses any more goes.
+    pub fn set_environment(&mut self, environment: Environment) -> Result<(), SceneError> {
+        match &environment {
+            Environment::None => {}
+            Environment::Constant(radiance) => {
+                check_light_colour("environment", "environment", "radiance", *radiance)?
+            }
+            Environment::Image { texture, scale, rotation_rad } => {
+                check_light_colour("environment", "environment", "scale", *scale)?;
+                if !rotation_rad.is_finite() {
+                    let value = rotation_rad.to_string();
+                    return Err(bad("environment", "environment", "rotation_rad", value, "finite"));
+                }
+                match self.scene.textures.get(texture).map(|texture| &texture.texels) {
+                    None => return Err(unknown("texture", "image", texture.as_str())),
+                    Some(Texels::Rgba8(_)) => {
+                        let value = "8-bit texels".to_string();
+                        return Err(bad("environment", "environment", "image", value, "float texels"));
+                    }
+                    Some(Texels::Rgba32F(_)) => {}
+                }
+            }
+        }
+        let before = std::mem::replace(&mut self.scene.environment, environment);
+        if let Environment::Image { texture, .. } = before {
+            self.drop_unused_textures([texture].into_iter().collect());
+        }
+        self.change.environment = true;
+        Ok(())
+    }
+
+    fn place_light(&mut self, id: Id, mut light: Light) -> Result<(), SceneError> {
+        self.check_parent(light.parent.as_ref())?;
+        check_light(&id, &light, self.limits.coordinate_max_m)?;
+        // Unit length is part of the type's promise; `check_light` has seen that it is possible.
+        light.direction = light.direction.normalize_or(DVec3::NEG_Z);
+        self.change.lights.insert(id.clone());
+        self.scene.lights.insert(id, light);
+        Ok(())
+    }
+
+    fn check_parent(&self, parent: Option<&Id>) -> Result<(), SceneError> {
+        match parent {
+            Some(parent) if !self.scene.nodes.contains_key(parent) => {
+                Err(unknown("node", "parent", parent.as_str()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn depth_of<'a>(&'a self, mut node: Option<&'a Id>) -> u64 {
+        let mut depth = 0;
+        while let Some(id) = node {
+            depth += 1;
+            node = self.scene.nodes.get(id).and_then(|node| node.parent.as_ref());
+        }
+        depth
+    }
+
+    /// The composed transform must be as sound as each single one, and its mesh must stay within reach.
+    fn check_placed(&self, id: &Id) -> Result<(), SceneError> {
+        let world_from_node = self.scene.world_from_node(Some(id));
+        check_transform("node", id, &world_from_node)?;
+        let reach = match self.scene.nodes.get(id).and_then(|node| self.scene.meshes.get(node.mesh.as_ref()?))
+        {
+            Some(mesh) if !mesh.bounds.is_empty() => {
+                let bounds = mesh.bounds.transformed(&world_from_node);
+                bounds.min.abs().max(bounds.max.abs()).max_element()
+            }
+            _ => world_from_node.translation.abs().max_element(),
+        };
+        if reach <= self.limits.coordinate_max_m {
+            return Ok(());
+        }
+        Err(bad(
+            "node",
+            id,
+            "transform",
+            format!("{reach:e} m from the origin"),
+            "within the coordinate limit",
+        ))
+    }
+
+    /// `id` and everything below it, parents before children.
+    fn with_descendants(&self, id: &Id) -> IndexSet<Id> {
+        let mut children: IndexMap<&Id, Vec<&Id>> = IndexMap::new();
+        for (child, node) in &self.scene.nodes {
+            if let Some(parent) = &node.parent {
+                children.entry(parent).or_default().push(child);
+            }
+        }
+        let mut found = IndexSet::from([id.clone()]);
+        let mut at = 0;
+        while let Some(parent) = found.get_index(at).cloned() {
+            found.extend(children.get(&parent).into_iter().flatten().map(|child| (*child).clone()));
+            at += 1;
+        }
+        found
+    }
+
+    /// Lights and cameras that are mounted on `nodes` change with them.
+    fn touch_mounted(&mut self, nodes: &IndexSet<Id>) {
+        let on = |parent: &Option<Id>| parent.as_ref().is_some_and(|parent| nodes.contains(parent));
+        let lights = self.scene.lights.iter().filter(|(_, light)| on(&light.parent));
+        self.change.lights.extend(lights.map(|(id, _)| id.clone()));
+        let cameras = self.scene.cameras.iter().filter(|(_, camera)| on(&camera.parent));
+        self.change.cameras.extend(cameras.map(|(id, _)| id.clone()));
+    }
+
+    fn drop_unused_meshes(&mut self, mut candidates: IndexSet<Id>) {
+        for mesh in self.scene.nodes.values().filter_map(|node| node.mesh.as_ref()) {
+            candidates.swap_remove(mesh);
+        }
+        let mut materials = IndexSet::new();
+        for id in candidates {
+            let Some(mesh) = self.scene.meshes.shift_remove(&id) else { continue };
+            self.vertices -= mesh.positions.len() as u64;
+            self.triangles -= mesh.triangles.len() as u64;
+            materials.extend(mesh.primitives.iter().map(|primitive| primitive.material.clone()));
+            self.change.meshes.insert(id);
+        }
+        for primitive in self.scene.meshes.values().flat_map(|mesh| &mesh.primitives) {
+            materials.swap_remove(&primitive.material);
+        }
+        let mut textures = IndexSet::new();
+        for id in materials {
+            let Some(material) = self.scene.materials.shift_remove(&id) else { continue };
+            textures.extend(material.textures.iter().flatten().map(|texture| texture.texture.clone()));
+            self.change.materials.insert(id);
+        }
+        self.drop_unused_textures(textures);
+    }
+
+    fn drop_unused_textures(&mut self, mut candidates: IndexSet<Id>) {
+        for texture in self.scene.materials.values().flat_map(|material| material.textures.iter().flatten()) {
+            candidates.swap_remove(&texture.texture);
+        }
+        if let Environment::Image { texture, .. } = &self.scene.environment {
+            candidates.swap_remove(texture);
+        }
+        for id in candidates {
+            if let Some(texture) = self.scene.textures.shift_remove(&id) {
+                self.texels -= texture.texel_count() as u64;
+            }
+        }
+    }
+}
+
+fn refuse_duplicate<T>(kind: &'static str, map: &IndexMap<Id, T>, id: &Id) -> Result<(), SceneError> {
+    if map.contains_key(id) { Err(SceneError::Duplicate { kind, id: id.clone() }) } else { Ok(()) }
+}
+
+fn unknown(kind: &'static str, field: &'static str, id: &str) -> SceneError {
+    SceneError::Unknown { kind, field, id: id.chars().take(64).collect() }
+}
+
+pub(in crate::scene) fn bad(
+    kind: &'static str,
+    id: impl ToString,
+    field: &'static str,
+    value: String,
+    expected: &'static str,
+) -> SceneError {
+    SceneError::BadValue { kind, id: id.to_string(), field, value, expected }
+}
+
+fn over_limit(
+    kind: &'static str,
+    id: &Id,
+    what: &'static str,
+    value: u64,
+    limit: u64,
+) -> Result<(), SceneError> {
+    if value <= limit {
+        Ok(())
+    } else {
+        Err(SceneError::OverLimit { kind, id: id.to_string(), what, value, limit })
+    }
+}
+
+/// Finite, invertible, and of a size whose inverse single precision still holds.
+fn check_transform(kind: &'static str, id: &Id, transform: &DAffine3) -> Result<(), SceneError> {
+    let (columns, value) = (transform.matrix3, || format!("{:?}", transform.to_cols_array()));
+    if !transform.is_finite() {
+        return Err(bad(kind, id, "transform", value(), "finite"));
+    }
+    let lengths = [columns.x_axis.length(), columns.y_axis.length(), columns.z_axis.length()];
+    let volume = columns.determinant().abs() / (lengths[0] * lengths[1] * lengths[2]);
+    // 1e-6: axes closer than a thousandth of a degree have no inverse that f32 could use.
+    if lengths.iter().all(|length| (1e-12..=1e12).contains(length)) && volume > 1e-6 {
+        return Ok(());
+    }
+    Err(bad(kind, id, "transform", value(), "invertible (no axis of zero length, no two axes alike)"))
+}
+
+fn check_light_colour(
+    kind: &'static str,
+    id: impl ToString,
+    field: &'static str,
+    colour: Rgb,
+) -> Result<(), SceneError> {
+    // 1e20 W keeps every product with areas and distances inside f32.
+    if colour.is_finite() && colour.is_non_negative() && colour.max_component() <= 1e20 {
+        return Ok(());
+    }
+    Err(bad(kind, id, field, format!("{:?}", colour.to_array()), "finite, not negative and at most 1e20"))
+}
+
+fn check_light(id: &Id, light: &Light, coordinate_max_m: f64) -> Result<(), SceneError> {
+    if !(light.position.abs().max_element() <= coordinate_max_m) {
+        return Err(bad("light", id, "position", light.position.to_string(), "within the coordinate limit"));
+    }
+    if !(light.direction.is_finite() && light.direction.length() > 1e-12) {
+        return Err(bad("light", id, "direction", light.direction.to_string(), "finite and not zero"));
+    }
+    match light.kind {
+        LightKind::Point { intensity } => check_light_colour("light", id, "intensity", intensity),
+        LightKind::Directional { irradiance } => check_light_colour("light", id, "irradiance", irradiance),
+        LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad } => {
+            check_light_colour("light", id, "intensity", intensity)?;
+            if !(outer_angle_rad > 0.0 && outer_angle_rad <= std::f32::consts::FRAC_PI_2 + 1e-6) {
+                let value = outer_angle_rad.to_string();
+                return Err(bad("light", id, "outer_angle_rad", value, "above 0 and at most π/2"));
+            }
+            if !(inner_angle_rad >= 0.0 && inner_angle_rad < outer_angle_rad) {
+                let value = inner_angle_rad.to_string();
+                return Err(bad(
+                    "light",
+                    id,
+                    "inner_angle_rad",
+                    value,
+                    "at least 0 and below outer_angle_rad",
+                ));
+            }
+            Ok(())
+        }
+    }
+}
+
+fn check_material(id: &Id, material: &Material) -> Result<(), SceneError> {
+    let share = |field, value: f32| match (0.0..=1.0).contains(&value) {
+        true => Ok(()),
+        false => {
+            Err(bad("material", id, field, value.to_string(), "between 0 and 1 (more would create energy)"))
+        }
+    };
+    let shares = |field, value: Rgb| value.to_array().into_iter().try_for_each(|value| share(field, value));
+    let at_least = |field, value: f32, least: f32, expected| match value >= least && value.is_finite() {
+        true => Ok(()),
+        false => Err(bad("material", id, field, value.to_string(), expected)),
+    };
+    shares("base_color", material.base_color)?;
+    share("alpha", material.alpha)?;
+    share("metallic", material.metallic)?;
+    share("roughness", material.roughness)?;
+    share("specular", material.specular)?;
+    share("transmission", material.transmission)?;
+    shares("attenuation_color", material.attenuation_color)?;
+    at_least("ior", material.ior, 1.0, "at least 1 and finite")?;
+    for value in material.specular_color.to_array() {
+        at_least("specular_color", value, 0.0, "finite and not negative")?;
+    }
+    if !(material.attenuation_distance_m > 0.0) {
+        let value = material.attenuation_distance_m.to_string();
+        return Err(bad("material", id, "attenuation_distance_m", value, "above 0 (infinite = clear)"));
+    }
+    check_light_colour("material", id, "emission", material.emission)?;
+    if let Some(cutoff) = material.alpha_cutoff {
+        at_least("alpha_cutoff", cutoff, 0.0, "finite and not negative")?;
+    }
+    at_least("normal_scale", material.normal_scale.abs(), 0.0, "finite")?;
+    for texture in material.textures.iter().flatten() {
+        if texture.texcoord_set > 1 {
+            let value = texture.texcoord_set.to_string();
+            return Err(bad("material", id, "texcoord", value, "0 or 1: two sets are read"));
+        }
+        if !texture.uv_transform.is_finite() {
+            return Err(bad(
+                "material",
+                id,
+                "texture transform",
+                format!("{}", texture.uv_transform),
+                "finite",
+            ));
+        }
+    }
+    Ok(())
+}
