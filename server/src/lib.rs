@@ -1,1 +1,8 @@
-//! Server.
+//! The server: files, HTTP, WebSocket, sessions, store and command line around the engine.
+//!
+//! A camera's way to a picture: `stream → scenes → engine::render → engine::film → images → socket`.
+//! The binary `lumicast` only reads arguments and calls [`cli`].
+
+pub mod assets;
+pub mod cli;
+pub mod images;

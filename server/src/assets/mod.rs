@@ -1,0 +1,1 @@
+//! Scene files → scene builder, and export.

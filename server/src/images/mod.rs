@@ -1,0 +1,1 @@
+//! Pictures → bytes: EXR, PNG, JPEG.
