@@ -33,7 +33,7 @@ pub use limits::SceneLimits;
 pub use material::{Material, TextureSlot};
 pub use mesh::{Mesh, MeshSource, Primitive};
 pub use node::Node;
-pub use texture::{Filter, Texels, Texture, TextureRef, Wrap};
+pub use texture::{Encoding, Filter, Texels, Texture, TextureRef, Wrap};
 
 /// Something odd but usable that was met on the way in, shown by `lumicast info` and the viewer.
 #[derive(Clone, Debug, PartialEq, Eq)]

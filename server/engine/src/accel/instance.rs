@@ -1,0 +1,159 @@
+//! A mesh where it stands, and points on it with bounds on their rounding error.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3, Mat3, Vec3, Vec3A};
+use obvhs::aabb::Aabb;
+
+use super::{Hit, Ray};
+use crate::scene::{Id, Mesh};
+
+/// γₙ = nε/(1 − nε): relative error of n roundings [Higham2002, 3.1].
+const fn gamma(n: f32) -> f32 {
+    let e = n * f32::EPSILON * 0.5;
+    e / (1.0 - e)
+}
+
+/// A mesh placed by a node.
+#[derive(Debug)]
+pub struct Instance {
+    node_id: Id,
+    mesh_id: Id,
+    mesh: Arc<Mesh>,
+    render_from_mesh: Mat3,
+    mesh_from_render: Mat3,
+    /// The mesh's centre in render space.
+    centre_in_render: Vec3,
+    normal_from_mesh: Mat3,
+    bounds: Aabb,
+}
+
+/// A point on a surface, with what rays need to leave it.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfacePoint {
+    /// Position in render space.
+    pub position: Vec3,
+    /// Unit normal of the triangle on its front: the side from which its vertices run counter-clockwise in the mesh.
+    pub n_geo: Vec3,
+    /// Largest distance along `n_geo` by which `position` may be off the surface.
+    pub error_m: f32,
+}
+
+impl Instance {
+    pub(super) fn new(
+        node_id: Id,
+        mesh_id: Id,
+        mesh: Arc<Mesh>,
+        world_from_mesh: DAffine3,
+        origin_in_world: DVec3,
+    ) -> Instance {
+        let linear = world_from_mesh.matrix3;
+        let inverse = linear.inverse();
+        let centre = world_from_mesh.transform_point3(mesh.centre()) - origin_in_world;
+        // Normals turn with the inverse transpose, and keep to their side of the surface: where a transform
+        // mirrors, glTF turns the winding that counts as front round with it.
+        let normal_from_mesh = inverse.transpose();
+        // The normal matrix is used for directions only: its size is normalised to stay within f32.
+        let normal_from_mesh = normal_from_mesh
+            * (1.0 / normal_from_mesh.to_cols_array().map(f64::abs).into_iter().fold(0.0, f64::max));
+        let bounds = mesh.bounds().transformed(&world_from_mesh);
+        // The box is of exact numbers, rays are not: 1e-6 of its reach covers their rounding and the cast.
+        let [min, max] = [bounds.min - origin_in_world, bounds.max - origin_in_world].map(DVec3::as_vec3a);
+        let slack = min.abs().max(max.abs()).max_element() * 1e-6;
+        Instance {
+            node_id,
+            mesh_id,
+            mesh,
+            render_from_mesh: linear.as_mat3(),
+            mesh_from_render: inverse.as_mat3(),
+            centre_in_render: centre.as_vec3(),
+            normal_from_mesh: normal_from_mesh.as_mat3(),
+            bounds: Aabb { min: min - Vec3A::splat(slack), max: max + Vec3A::splat(slack) },
+        }
+    }
+
+    /// The node.
+    pub fn node_id(&self) -> &Id {
+        &self.node_id
+    }
+
+    /// The mesh's name.
+    pub fn mesh_id(&self) -> &Id {
+        &self.mesh_id
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> &Arc<Mesh> {
+        &self.mesh
+    }
+
+    pub(super) fn bounds_in_render(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// Origin and direction in mesh space, relative to the mesh's centre; `t` keeps its meaning.
+    #[inline]
+    pub(super) fn ray_in_mesh(&self, ray: &Ray) -> (Vec3, Vec3) {
+        (self.mesh_from_render * (ray.origin - self.centre_in_render), self.mesh_from_render * ray.direction)
+    }
+
+    /// A direction of mesh space in render space (not normalised).
+    pub fn vector_to_render(&self, v: Vec3) -> Vec3 {
+        self.render_from_mesh * v
+    }
+
+    /// A normal of mesh space in render space (not normalised).
+    pub fn normal_to_render(&self, n: Vec3) -> Vec3 {
+        self.normal_from_mesh * n
+    }
+
+    /// A vertex in render space.
+    pub fn vertex_in_render(&self, vertex: u32) -> Vec3 {
+        self.render_from_mesh * self.mesh.positions()[vertex as usize] + self.centre_in_render
+    }
+
+    /// The point of triangle `triangle` with weights 1 − b1 − b2, b1, b2.
+    pub fn surface_point(&self, triangle: u32, b1: f32, b2: f32) -> SurfacePoint {
+        let [v0, v1, v2] =
+            self.mesh.triangles()[triangle as usize].map(|v| self.mesh.positions()[v as usize]);
+        let b0 = 1.0 - b1 - b2;
+        let p_in_mesh = v0 * b0 + v1 * b1 + v2 * b2;
+        let position = self.render_from_mesh * p_in_mesh + self.centre_in_render;
+        // Double precision: slivers lose all digits of a single-precision cross product.
+        let edge = |v: Vec3| v.as_dvec3() - v0.as_dvec3();
+        let n_in_mesh = edge(v1).cross(edge(v2)).normalize_or(DVec3::Z).as_vec3();
+        let n_geo = (self.normal_from_mesh * n_in_mesh).normalize_or(Vec3::Z);
+        // Weighted vertices: 7 roundings on |v|; the transform: 4 more on |M||p| and |centre|; and the ray that
+        // will start here goes through the inverse transform, which costs as much again [Pharr2016, 3.9.4].
+        let reach = v0.abs() * b0.abs() + v1.abs() * b1.abs() + v2.abs() * b2.abs();
+        let extent = v0.abs().max(v1.abs()).max(v2.abs());
+        let absolute = Mat3::from_cols(
+            self.render_from_mesh.x_axis.abs(),
+            self.render_from_mesh.y_axis.abs(),
+            self.render_from_mesh.z_axis.abs(),
+        );
+        let bound = absolute * (reach * gamma(11.0) + extent * gamma(8.0))
+            + (self.centre_in_render.abs() + position.abs()) * gamma(4.0);
+        SurfacePoint { position, n_geo, error_m: bound.dot(n_geo.abs()) }
+    }
+
+    /// [`Instance::surface_point`] of a hit.
+    pub fn point_of(&self, hit: &Hit) -> SurfacePoint {
+        self.surface_point(hit.triangle, hit.b1, hit.b2)
+    }
+}
+
+impl SurfacePoint {
+    /// Start for a ray towards `direction`: off the surface, on the side the ray leaves to, by the error bound.
+    pub fn origin_towards(&self, direction: Vec3) -> Vec3 {
+        let off = self.n_geo * self.error_m.copysign(direction.dot(self.n_geo));
+        let moved = self.position + off;
+        // Adding may round back towards the surface: step one further float away from it.
+        let away = |p: f32, d: f32| match d {
+            d if d > 0.0 => p.next_up(),
+            d if d < 0.0 => p.next_down(),
+            _ => p,
+        };
+        Vec3::new(away(moved.x, off.x), away(moved.y, off.y), away(moved.z, off.z))
+    }
+}

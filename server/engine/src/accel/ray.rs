@@ -1,0 +1,49 @@
+//! Rays and hits.
+
+use glam::Vec3;
+
+/// A half line in render space.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    /// Start, metres.
+    pub origin: Vec3,
+    /// Direction; `t` counts in its length.
+    pub direction: Vec3,
+    /// Surfaces beyond this `t` do not count. The start itself (t ≤ 0) never counts: rays that leave a
+    /// surface start off it by its error bound.
+    pub t_max: f32,
+}
+
+impl Ray {
+    /// A ray without end.
+    pub fn new(origin: Vec3, direction: Vec3) -> Ray {
+        Ray { origin, direction, t_max: f32::INFINITY }
+    }
+
+    /// Where the ray is at `t`.
+    pub fn at(&self, t: f32) -> Vec3 {
+        self.origin + self.direction * t
+    }
+}
+
+/// A point on a triangle of an instance, met by a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance in lengths of the ray's direction, above 0.
+    pub t: f32,
+    /// Index into [`super::Accel::instances`].
+    pub instance: u32,
+    /// Index into the mesh's triangles.
+    pub triangle: u32,
+    /// Barycentric weight of the triangle's second vertex.
+    pub b1: f32,
+    /// Barycentric weight of the triangle's third vertex.
+    pub b2: f32,
+}
+
+impl Hit {
+    /// Nearer, or as near with a smaller name: a total order, so that ties break the same way on every tree.
+    pub(super) fn is_before(&self, other: &Hit) -> bool {
+        (self.t, self.instance, self.triangle) < (other.t, other.instance, other.triangle)
+    }
+}
