@@ -104,8 +104,8 @@ fn unit(x: u32) -> f32 {
 pub fn point(key: u64, index: u32) -> [f32; 4] {
     let seeds = mix(key);
     // Index and digits are scrambled by different hashes of the key.
-    let shuffled = scramble(index.reverse_bits(), seeds as u32).reverse_bits();
-    let digits = sobol(shuffled);
+    // Scrambling the index maps aligned power-of-two runs onto such runs, which keeps them stratified.
+    let digits = sobol(scramble(index, seeds as u32));
     let (low, high) = (mix(seeds ^ 0x9e37_79b9_7f4a_7c15), mix(seeds ^ 0xd1b5_4a32_d192_ed03));
     let seeds = [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32];
     std::array::from_fn(|dimension| unit(scramble(digits[dimension], seeds[dimension])))

@@ -136,8 +136,8 @@ impl TextureRef {
     /// The picture's value at mesh coordinates `uv`, linear RGBA. v = 0 is the top row, as in glTF.
     pub fn sample(&self, texture: &Texture, uv: Vec2, encoding: Encoding) -> Vec4 {
         let uv = self.uv_transform.transform_point2(uv);
-        // A coordinate that overflowed f32 shows the first texel rather than none.
-        let uv = if uv.is_finite() { uv } else { Vec2::ZERO };
+        // Beyond a billion repeats f32 has no fraction left: show the first texel rather than overflow.
+        let uv = if uv.abs().max_element() < 1e9 { uv } else { Vec2::ZERO };
         let (width, height) = (texture.width, texture.height);
         if self.filter == Filter::Nearest {
             let at =
