@@ -347,8 +347,9 @@ impl EnvironmentImage {
     /// The texels as numbers, `[height × width]`, rows from up to down; `None` where the number of bytes is not
     /// width × height × 12.
     pub fn radiance(&self) -> Option<Vec<[f32; 3]>> {
-        let expected_bytes = u64::from(self.width) * u64::from(self.height) * 12;
-        if self.texels.len() as u64 != expected_bytes {
+        // In 128 bits, because the largest width × height × 12 overflows 64.
+        let expected_bytes = u128::from(self.width) * u128::from(self.height) * 12;
+        if self.texels.len() as u128 != expected_bytes {
             return None;
         }
         let (numbers, _) = self.texels.as_chunks::<4>();
