@@ -283,3 +283,130 @@ fn codec_of(found: u8) -> Result<PayloadCodec, FrameError> {
         _ => Err(FrameError::Codec { found }),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header() -> FrameHeader {
+        FrameHeader {
+            kind: PayloadKind::Tile,
+            codec: PayloadCodec::Jpeg,
+            converged: true,
+            first_from_stamp: true,
+            revision: 0x0102_0304_0506_0708,
+            frame: 9,
+            camera_stamp: 10,
+            size: [11, 12],
+            full_size: [1300, 1400],
+            offset: [15, 16],
+            error: Some(0.25),
+            samples: 17,
+            age_us: 18,
+        }
+    }
+
+    /// A good message with some bytes replaced.
+    fn with_bytes(at: usize, bytes: &[u8]) -> Result<FrameHeader, FrameError> {
+        let mut message = header().message(b"jpeg").unwrap();
+        message[at..at + bytes.len()].copy_from_slice(bytes);
+        FrameHeader::decode(&message).map(|(header, _)| header)
+    }
+
+    #[test]
+    fn every_field_lies_where_the_document_says() {
+        let bytes = header().encode(4).unwrap();
+        let expected: [(usize, &[u8]); 15] = [
+            (0, b"LCF1"),
+            (4, &[2, 1, 1, 3]),
+            (8, &[8, 7, 6, 5, 4, 3, 2, 1]),
+            (16, &[9, 0, 0, 0, 0, 0, 0, 0]),
+            (24, &[10, 0, 0, 0, 0, 0, 0, 0]),
+            (32, &[11, 0]),
+            (34, &[12, 0]),
+            (36, &1300u16.to_le_bytes()),
+            (38, &1400u16.to_le_bytes()),
+            (40, &[15, 0, 16, 0]),
+            (44, &0.25f32.to_le_bytes()),
+            (48, &[17, 0, 0, 0]),
+            (52, &[4, 0, 0, 0]),
+            (56, &[18, 0, 0, 0]),
+            (60, &[0, 0, 0, 0]),
+        ];
+        for (at, field) in expected {
+            assert_eq!(&bytes[at..at + field.len()], field, "offset {at}");
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let plain = FrameHeader { error: None, converged: false, first_from_stamp: false, ..header() };
+        let float =
+            FrameHeader { codec: PayloadCodec::Float, kind: PayloadKind::Frame, size: [2, 1], ..header() };
+        for (header, payload) in [(header(), &b"jpeg"[..]), (plain, &b""[..]), (float, &[7; 24][..])] {
+            let message = header.message(payload).unwrap();
+            assert_eq!(FrameHeader::decode(&message), Ok((header, payload)));
+        }
+    }
+
+    #[test]
+    fn a_hostile_message_is_refused_with_its_reason() {
+        let whole = header().message(b"jpeg").unwrap();
+        for bytes in 0..HEADER_BYTES {
+            assert_eq!(FrameHeader::decode(&whole[..bytes]), Err(FrameError::Short { bytes }));
+        }
+        for cut in [&whole[..HEADER_BYTES], &whole[..HEADER_BYTES + 3], &[&whole[..], b"more"].concat()] {
+            assert!(matches!(FrameHeader::decode(cut), Err(FrameError::PayloadBytes { announced: 4, .. })));
+        }
+        assert_eq!(with_bytes(0, b"LCF2"), Err(FrameError::Magic { found: *b"LCF2" }));
+        for found in [0, 4, 255] {
+            assert_eq!(with_bytes(4, &[found]), Err(FrameError::Kind { found }));
+            assert_eq!(with_bytes(5, &[found]), Err(FrameError::Version { found }));
+            assert_eq!(with_bytes(6, &[found]), Err(FrameError::Codec { found }));
+        }
+        for error in [f32::NAN, f32::INFINITY, -0.5, -2.0] {
+            assert!(matches!(with_bytes(44, &error.to_le_bytes()), Err(FrameError::Error { .. })), "{error}");
+        }
+        // No pixels; wider than the whole; pushed over the edge; an offset that would overflow 16 bits.
+        for (at, bytes) in [(32, [0, 0]), (34, [0, 0]), (32, [255, 255]), (40, [10, 5]), (42, [255, 255])] {
+            assert!(matches!(with_bytes(at, &bytes), Err(FrameError::Size { .. })), "offset {at}");
+        }
+        assert!(matches!(with_bytes(6, &[3]), Err(FrameError::FloatBytes { expected: 1584, found: 4, .. })));
+        assert!(matches!(with_bytes(52, &[255; 4]), Err(FrameError::PayloadBytes { .. })));
+    }
+
+    #[test]
+    fn no_pattern_of_bytes_panics() {
+        // A fixed xorshift: the same patterns on every machine. The magic is right, so that the rest is looked at.
+        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+        for _ in 0..20_000 {
+            let mut message = [0_u8; HEADER_BYTES + 12];
+            for byte in &mut message {
+                state ^= state << 13;
+                state ^= state >> 7;
+                state ^= state << 17;
+                *byte = state as u8;
+            }
+            let (kind, codec) = (1 + message[4] % 3, 1 + message[6] % 3);
+            message[..7].copy_from_slice(&[b'L', b'C', b'F', b'1', kind, 1, codec]);
+            message[52..56].copy_from_slice(&12_u32.to_le_bytes());
+            if let Ok((header, payload)) = FrameHeader::decode(&message) {
+                assert_eq!(FrameHeader::decode(&header.message(payload).unwrap()), Ok((header, payload)));
+            }
+        }
+    }
+
+    #[test]
+    fn unknown_flags_and_reserved_bytes_are_left_to_later_servers() {
+        assert_eq!(with_bytes(7, &[0xff]), Ok(header()));
+        assert_eq!(with_bytes(60, &[1, 2, 3, 4]), Ok(header()));
+    }
+
+    #[test]
+    fn a_header_that_could_not_be_read_is_not_written() {
+        assert!(FrameHeader { error: Some(f32::NAN), ..header() }.encode(4).is_err());
+        assert!(FrameHeader { size: [0, 1], ..header() }.encode(4).is_err());
+        assert!(FrameHeader { codec: PayloadCodec::Float, ..header() }.encode(4).is_err());
+        assert!(matches!(header().encode(1 << 32), Err(FrameError::PayloadTooLarge { .. })));
+    }
+}

@@ -21,7 +21,7 @@ pub enum ClientMessage {
     Accuracy(Accuracy),
     /// A batch of edits; answered by `edited` or `error`.
     Edit(EditRequest),
-    /// A binary message has been received and used.
+    /// A binary message has been received and used, and so has every one before it.
     Ack {
         /// Its frame number.
         #[serde(deserialize_with = "safe_integer")]
