@@ -1,0 +1,86 @@
+//! A smooth boundary between air and a dielectric, exact Fresnel terms.
+//!
+//! `wo.z` tells the side: above 0 outside, below 0 inside. What passes carries the base colour; of what enters, the
+//! share `1 − transmission` is scattered by a Lambert base instead (glTF's mix), on the side it came from.
+
+use glam::Vec3;
+
+use super::{BsdfSample, BsdfValue};
+use crate::{math::Rgb, transport::Scatter};
+
+/// Glass at one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Glass {
+    /// Index of refraction of the inside over that of the outside.
+    pub eta: f32,
+    /// Share of passing light that gets through, by channel.
+    pub tint: Rgb,
+    /// Share of the non-reflected light that passes; the rest meets the Lambert base.
+    pub transmission: f32,
+}
+
+/// Share of unpolarised light that a smooth boundary reflects, and the cosine on the other side (0 when reflection is
+/// total). `cos_i` ≥ 0 is the cosine on the incoming side, `eta` the index beyond over the index here.
+pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
+    let cos_i = cos_i.clamp(0.0, 1.0);
+    let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
+    if sin2_t >= 1.0 {
+        return (1.0, 0.0);
+    }
+    let cos_t = (1.0 - sin2_t).sqrt();
+    let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+    let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    // At grazing incidence with eta = 1 both are 0/0: nothing changes at such a boundary, nothing reflects.
+    let reflected = 0.5 * (parallel * parallel + perpendicular * perpendicular);
+    (if reflected.is_finite() { reflected } else { 0.0 }, cos_t)
+}
+
+impl Glass {
+    pub(super) fn has_density(&self) -> bool {
+        self.transmission < 1.0 && !self.tint.is_black()
+    }
+
+    pub(super) fn albedo(&self) -> Rgb {
+        let (reflected, _) = fresnel_dielectric(1.0, self.eta);
+        Rgb::splat(reflected) + self.tint * (1.0 - reflected)
+    }
+
+    /// Index beyond the boundary over the index on `wo`'s side.
+    fn eta_from(&self, wo: Vec3) -> f32 {
+        if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }
+    }
+
+    /// Chances of reflection, transmission and the base.
+    fn chances(&self, reflected: f32) -> [f32; 3] {
+        [reflected, (1.0 - reflected) * self.transmission, (1.0 - reflected) * (1.0 - self.transmission)]
+    }
+
+    fn base(&self, reflected: f32) -> Rgb {
+        self.tint * ((1.0 - reflected) * (1.0 - self.transmission))
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfValue {
+        let (reflected, _) = fresnel_dielectric(wo.z.abs(), self.eta_from(wo));
+        let chance = self.chances(reflected)[2];
+        BsdfValue { diffuse: super::lambert(self.base(reflected), wi, chance), ..BsdfValue::default() }
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        let eta = self.eta_from(wo);
+        let (reflected, cos_t) = fresnel_dielectric(wo.z.abs(), eta);
+        let [reflection, transmission, base] = self.chances(reflected);
+        let specular = |wi, weight, eta_squared| {
+            Some(BsdfSample { wi, weight, pdf_solid_angle: None, scatter: Scatter::Specular, eta_squared })
+        };
+        if u[0] < reflection {
+            return specular(Vec3::new(-wo.x, -wo.y, wo.z), Rgb::WHITE, 1.0);
+        }
+        if u[0] < reflection + transmission {
+            let wi = Vec3::new(-wo.x / eta, -wo.y / eta, -cos_t.copysign(wo.z));
+            // Radiance gathers into a narrower cone in the denser medium: towards the eye it scales by 1/η²
+            // [Veach1997, 5.2].
+            return specular(wi.normalize_or(-wo), self.tint * (1.0 / (eta * eta)), eta * eta);
+        }
+        super::sample_lambert(self.base(reflected), wo, [u[1], u[2]], base)
+    }
+}

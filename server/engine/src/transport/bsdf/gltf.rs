@@ -1,0 +1,159 @@
+//! glTF 2.0 metallic-roughness with `KHR_materials_specular` and `_ior` (appendix B of the specification).
+//!
+//! dielectric = (1 − max F) · base/π + F · GGX,  metal = F · GGX,  material = mix(dielectric, metal, metallic).
+//! F depends on the half vector only, so the sum is reciprocal.
+
+use glam::Vec3;
+
+use super::{BsdfSample, BsdfValue, LobeValue, SMOOTH_ALPHA, ggx::Ggx};
+use crate::{
+    math::{Rgb, warp},
+    transport::Scatter,
+};
+
+/// Metallic-roughness surface at one point.
+#[derive(Clone, Copy, Debug)]
+pub struct Gltf {
+    /// Albedo of the Lambert base of the dielectric share: base colour · (1 − metallic).
+    diffuse: Rgb,
+    /// 0 dielectric … 1 metal.
+    metallic: f32,
+    /// Fresnel reflectance at normal incidence of dielectric and metal.
+    dielectric_f0: Rgb,
+    dielectric_f90: f32,
+    metal_f0: Rgb,
+    alpha: f32,
+}
+
+impl Gltf {
+    /// A surface from the inputs of the material at one point, all in range.
+    pub fn new(base_color: Rgb, metallic: f32, roughness: f32, ior: f32, specular: f32, specular_color: Rgb) -> Gltf {
+        let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
+        Gltf {
+            diffuse: base_color * (1.0 - metallic),
+            metallic,
+            dielectric_f0: specular_color.map(|c| (c * f0).min(1.0)) * specular,
+            dielectric_f90: specular,
+            metal_f0: base_color,
+            alpha: roughness * roughness,
+        }
+    }
+
+    pub(super) fn has_density(&self) -> bool {
+        !self.is_smooth() || !self.diffuse.is_black()
+    }
+
+    fn is_smooth(&self) -> bool {
+        self.alpha < SMOOTH_ALPHA
+    }
+
+    pub(super) fn albedo(&self) -> Rgb {
+        let fresnel = self.fresnel(1.0);
+        self.diffuse * (1.0 - fresnel.base_loss) + fresnel.reflected
+    }
+
+    fn fresnel(&self, cos: f32) -> Fresnel {
+        let rise = (1.0 - cos.clamp(0.0, 1.0)).powi(5);
+        let dielectric = self.dielectric_f0.map(|f0| f0 + (self.dielectric_f90 - f0).max(0.0) * rise);
+        let metal = self.metal_f0.map(|f0| f0 + (1.0 - f0) * rise);
+        Fresnel {
+            reflected: dielectric * (1.0 - self.metallic) + metal * self.metallic,
+            base_loss: dielectric.max_component(),
+        }
+    }
+
+    /// Chance of taking the specular lobe, by what each lobe sends back towards `wo`.
+    fn specular_chance(&self, wo: Vec3) -> f32 {
+        let fresnel = self.fresnel(wo.z.abs());
+        let specular = fresnel.reflected.luminance();
+        let diffuse = self.diffuse.luminance() * (1.0 - fresnel.base_loss);
+        if diffuse <= 0.0 {
+            return 1.0;
+        }
+        if specular <= 0.0 {
+            return 0.0;
+        }
+        // At least a tenth for either: at grazing half vectors a lobe may be stronger than it looks from `wo`.
+        (specular / (specular + diffuse)).clamp(0.1, 0.9)
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfValue {
+        // Both on the upper side: the model is two-sided and symmetric in z.
+        let (wo, wi) = (Vec3::new(wo.x, wo.y, wo.z.abs()), Vec3::new(wi.x, wi.y, wi.z.abs()));
+        let specular_chance = self.specular_chance(wo);
+        let Some(m) = (wo + wi).try_normalize() else { return BsdfValue::default() };
+        let fresnel = self.fresnel(wo.dot(m));
+        let diffuse = super::lambert(self.diffuse * (1.0 - fresnel.base_loss), wi, 1.0 - specular_chance);
+        if self.is_smooth() {
+            return BsdfValue { diffuse, ..BsdfValue::default() };
+        }
+        let ggx = Ggx { alpha: self.alpha };
+        // f cos θᵢ = F D G₂ / (4 cos θₒ cos θᵢ) · cos θᵢ
+        let f_cos = fresnel.reflected * (ggx.d(m) * ggx.g2(wo, wi) / (4.0 * wo.z));
+        // dω_m / dωᵢ = 1 / (4 wo·m)
+        let pdf = ggx.visible_pdf(wo, m) / (4.0 * wo.dot(m));
+        let glossy = LobeValue { f_cos, pdf_solid_angle: pdf * specular_chance };
+        BsdfValue { diffuse, glossy }
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        let side = 1f32.copysign(wo.z);
+        let wo = wo * Vec3::new(1.0, 1.0, side);
+        if wo.z <= 0.0 {
+            return None;
+        }
+        let specular_chance = self.specular_chance(wo);
+        let mut sample = if u[0] < specular_chance {
+            self.sample_specular(wo, [u[1], u[2]], specular_chance)?
+        } else {
+            self.sample_diffuse(wo, [u[1], u[2]], 1.0 - specular_chance)?
+        };
+        sample.wi.z *= side;
+        Some(sample)
+    }
+
+    fn sample_diffuse(&self, wo: Vec3, u: [f32; 2], chance: f32) -> Option<BsdfSample> {
+        let wi = warp::cosine_hemisphere(u);
+        let pdf = warp::cosine_hemisphere_pdf(wi.z) * chance;
+        let m = (wo + wi).try_normalize()?;
+        let kept = 1.0 - self.fresnel(wo.dot(m)).base_loss;
+        (pdf > 0.0).then(|| BsdfSample {
+            wi,
+            weight: self.diffuse * (kept / chance),
+            pdf_solid_angle: Some(pdf),
+            scatter: Scatter::Diffuse,
+            eta_squared: 1.0,
+        })
+    }
+
+    fn sample_specular(&self, wo: Vec3, u: [f32; 2], chance: f32) -> Option<BsdfSample> {
+        let specular = |wi, weight, pdf_solid_angle| BsdfSample {
+            wi,
+            weight,
+            pdf_solid_angle,
+            scatter: Scatter::Specular,
+            eta_squared: 1.0,
+        };
+        if self.is_smooth() {
+            let weight = self.fresnel(wo.z).reflected * (1.0 / chance);
+            return Some(specular(Vec3::new(-wo.x, -wo.y, wo.z), weight, None));
+        }
+        let ggx = Ggx { alpha: self.alpha };
+        let m = ggx.sample_visible(wo, u);
+        let wi = m * (2.0 * wo.dot(m)) - wo;
+        let pdf = ggx.visible_pdf(wo, m) / (4.0 * wo.dot(m));
+        if wi.z <= 0.0 || !(pdf > 0.0) {
+            return None;
+        }
+        // f cos / pdf = F D G₂/(4 cosₒ) · 4 (wo·m) cosₒ / (G₁ (wo·m) D) = F G₂/G₁.
+        let weight = self.fresnel(wo.dot(m)).reflected * (ggx.g2(wo, wi) / (ggx.g1(wo) * chance));
+        Some(specular(wi, weight, Some(pdf * chance)))
+    }
+}
+
+struct Fresnel {
+    /// Reflectance of the specular lobe.
+    reflected: Rgb,
+    /// Share that the dielectric's coat keeps from the base below.
+    base_loss: f32,
+}
