@@ -1,0 +1,340 @@
+//! A tree over lights that finds, for a shaded point, a light in proportion to what it may contribute.
+//!
+//! Each node bounds its lights' positions, emission cone and power; the walk goes down by the ratio of the
+//! children's importance: power · cosines / distance² [ContyEstevez2018; pbrt4, 12.6.3]. The distance is floored by the
+//! node's own radius (not by a length, as in pbrt), so that scaling a scene changes nothing.
+
+use glam::Vec3;
+
+/// What a light, or a group of lights, can do to a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LightBounds {
+    pub(super) min: Vec3,
+    pub(super) max: Vec3,
+    /// Axis of the cone that holds all emission axes, unit length.
+    pub(super) axis: Vec3,
+    /// Cosine of that cone's half angle.
+    pub(super) cos_normals: f32,
+    /// Cosine of the angle beyond an axis at which emission ends.
+    pub(super) cos_emission: f32,
+    /// Power as a luminance, W; above 0.
+    pub(super) power: f32,
+    pub(super) two_sided: bool,
+}
+
+/// cos(max(0, a − b)) from the angles' sines and cosines.
+fn cos_of_difference(sin_a: f32, cos_a: f32, sin_b: f32, cos_b: f32) -> f32 {
+    if cos_a > cos_b { 1.0 } else { cos_a * cos_b + sin_a * sin_b }
+}
+
+fn sin_of(cos: f32) -> f32 {
+    (1.0 - cos * cos).max(0.0).sqrt()
+}
+
+impl LightBounds {
+    fn centre(&self) -> Vec3 {
+        (self.min + self.max) * 0.5
+    }
+
+    /// Upper estimate of the contribution to point `p` whose surface faces `n` (zero vector: faces anywhere).
+    fn importance(&self, p: Vec3, n: Vec3) -> f32 {
+        let centre = self.centre();
+        let radius2 = (self.max - self.min).length_squared() * 0.25;
+        let distance2 = (p - centre).length_squared();
+        let inside = distance2 <= radius2;
+        let to_point = (p - centre).normalize_or(self.axis);
+        let (sin_b, cos_b) = if inside {
+            (0.0, -1.0)
+        } else {
+            let sin2 = radius2 / distance2;
+            (sin2.sqrt(), (1.0 - sin2).max(0.0).sqrt())
+        };
+        let mut cos_w = self.axis.dot(to_point);
+        if self.two_sided {
+            cos_w = cos_w.abs();
+        }
+        let cos_x = cos_of_difference(sin_of(cos_w), cos_w, sin_of(self.cos_normals), self.cos_normals);
+        let cos_emitted = cos_of_difference(sin_of(cos_x), cos_x, sin_b, cos_b);
+        if cos_emitted <= self.cos_emission {
+            return 0.0;
+        }
+        let cos_received = if n == Vec3::ZERO {
+            1.0
+        } else {
+            let cos_i = -to_point.dot(n);
+            cos_of_difference(sin_of(cos_i), cos_i, sin_b, cos_b)
+        };
+        if cos_received <= 0.0 {
+            return 0.0;
+        }
+        // A narrow cone's lights keep at least the importance of their weakest direction.
+        self.power * cos_emitted.max(0.0) * cos_received / distance2.max(radius2).max(f32::MIN_POSITIVE)
+    }
+
+    fn union(&self, other: &LightBounds) -> LightBounds {
+        let (axis, cos_normals) = cone_union((self.axis, self.cos_normals), (other.axis, other.cos_normals));
+        LightBounds {
+            min: self.min.min(other.min),
+            max: self.max.max(other.max),
+            axis,
+            cos_normals,
+            cos_emission: self.cos_emission.min(other.cos_emission),
+            power: self.power + other.power,
+            two_sided: self.two_sided || other.two_sided,
+        }
+    }
+
+    /// Cost of a node in the build: power × solid angle of emission × surface.
+    fn cost(&self, stretch: f32) -> f32 {
+        let theta_o = self.cos_normals.clamp(-1.0, 1.0).acos();
+        let theta_w = (theta_o + self.cos_emission.clamp(-1.0, 1.0).acos()).min(std::f32::consts::PI);
+        let sin_o = theta_o.sin();
+        let solid_angle = std::f32::consts::TAU * (1.0 - self.cos_normals)
+            + std::f32::consts::FRAC_PI_2
+                * (2.0 * theta_w * sin_o - (theta_o - 2.0 * theta_w).cos() - 2.0 * theta_o * sin_o + self.cos_normals);
+        let d = self.max - self.min;
+        let area = d.x * d.y + d.y * d.z + d.z * d.x;
+        // Lights on one line have no surface but still a size.
+        self.power * solid_angle.max(1e-4) * stretch * area.max(d.max_element() * d.max_element() * 1e-6)
+    }
+}
+
+/// Smallest cone (axis, cosine of half angle) around two cones, or the whole sphere.
+fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
+    let whole = (a.0, -1.0);
+    let (theta_a, theta_b) = (a.1.clamp(-1.0, 1.0).acos(), b.1.clamp(-1.0, 1.0).acos());
+    let between = a.0.dot(b.0).clamp(-1.0, 1.0).acos();
+    if (between + theta_b).min(std::f32::consts::PI) <= theta_a {
+        return a;
+    }
+    if (between + theta_a).min(std::f32::consts::PI) <= theta_b {
+        return b;
+    }
+    let theta = (theta_a + between + theta_b) * 0.5;
+    if theta >= std::f32::consts::PI {
+        return whole;
+    }
+    let turn_axis = a.0.cross(b.0);
+    match turn_axis.try_normalize() {
+        Some(turn_axis) => {
+            (glam::Quat::from_axis_angle(turn_axis, theta - theta_a).mul_vec3(a.0).normalize_or(a.0), theta.cos())
+        }
+        None => whole,
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    bounds: LightBounds,
+    /// Inner: index of the second child (the first follows at once). Leaf: index of the light.
+    next: u32,
+    is_leaf: bool,
+}
+
+/// The tree. Light indices are the caller's.
+#[derive(Debug, Default)]
+pub(super) struct LightTree {
+    nodes: Vec<Node>,
+    /// Way to each light from the root: bit k is the turn at depth k, 1 = second child.
+    trails: Vec<u64>,
+}
+
+/// Depth below which splits halve the lights: 2⁻²⁴ of two billion lights leaves fewer than 40 levels more.
+const MEDIAN_DEPTH: u32 = 24;
+const BUCKETS: usize = 12;
+
+impl LightTree {
+    /// A tree over `(light index, bounds)`; lights without power are not part of it.
+    pub(super) fn build(mut lights: Vec<(u32, LightBounds)>) -> LightTree {
+        lights.retain(|(_, bounds)| bounds.power > 0.0);
+        let mut tree = LightTree::default();
+        tree.trails = vec![0; lights.iter().map(|(index, _)| *index as usize + 1).max().unwrap_or(0)];
+        if !lights.is_empty() {
+            tree.build_node(&mut lights, 0, 0);
+        }
+        tree
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>() + self.trails.len() * 8
+    }
+
+    fn build_node(&mut self, lights: &mut [(u32, LightBounds)], trail: u64, depth: u32) -> LightBounds {
+        let at = self.nodes.len();
+        if let [(light, bounds)] = lights {
+            self.trails[*light as usize] = trail;
+            self.nodes.push(Node { bounds: *bounds, next: *light, is_leaf: true });
+            return *bounds;
+        }
+        let middle = split(lights, depth);
+        // A place is held for the parent, whose first child follows at once.
+        self.nodes.push(Node { bounds: lights[0].1, next: 0, is_leaf: false });
+        let (first, second) = lights.split_at_mut(middle);
+        let left = self.build_node(first, trail, depth + 1);
+        let next = self.nodes.len() as u32;
+        let right = self.build_node(second, trail | 1 << depth, depth + 1);
+        let bounds = left.union(&right);
+        self.nodes[at] = Node { bounds, next, is_leaf: false };
+        bounds
+    }
+
+    /// A light for the point `p` facing `n`, its probability, and `u` made uniform again. `None`: no light can reach it.
+    pub(super) fn sample(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(u32, f32)> {
+        let mut at = 0;
+        let mut probability = 1.0;
+        loop {
+            let node = self.nodes.get(at)?;
+            if node.is_leaf {
+                return (at > 0 || node.bounds.importance(p, n) > 0.0).then_some((node.next, probability));
+            }
+            let [first, second] = self.child_chances(at, p, n)?;
+            if u < first {
+                u = (u / first).min(1.0 - f32::EPSILON);
+                probability *= first;
+                at += 1;
+            } else {
+                u = ((u - first) / second).min(1.0 - f32::EPSILON);
+                probability *= second;
+                at = node.next as usize;
+            }
+        }
+    }
+
+    /// Probability with which [`LightTree::sample`] returns `light`.
+    pub(super) fn probability(&self, p: Vec3, n: Vec3, light: u32) -> f32 {
+        let Some(root) = self.nodes.first() else { return 0.0 };
+        if root.is_leaf {
+            return if root.next == light && root.bounds.importance(p, n) > 0.0 { 1.0 } else { 0.0 };
+        }
+        let Some(mut trail) = self.trails.get(light as usize).copied() else { return 0.0 };
+        let mut at = 0;
+        let mut probability = 1.0;
+        while !self.nodes[at].is_leaf {
+            let Some(chances) = self.child_chances(at, p, n) else { return 0.0 };
+            let turn = (trail & 1) as usize;
+            probability *= chances[turn];
+            at = if turn == 0 { at + 1 } else { self.nodes[at].next as usize };
+            trail >>= 1;
+        }
+        if self.nodes[at].next == light { probability } else { 0.0 }
+    }
+
+    fn child_chances(&self, at: usize, p: Vec3, n: Vec3) -> Option<[f32; 2]> {
+        let first = self.nodes[at + 1].bounds.importance(p, n);
+        let second = self.nodes[self.nodes[at].next as usize].bounds.importance(p, n);
+        let sum = first + second;
+        if !(sum > 0.0) {
+            return None;
+        }
+        // Of two infinite importances (power near f32's end at no distance) both count alike.
+        if sum.is_infinite() { Some([0.5, 0.5]) } else { Some([first / sum, second / sum]) }
+    }
+}
+
+/// Reorders `lights` and returns where to cut: the cheapest of twelve cuts along each axis.
+fn split(lights: &mut [(u32, LightBounds)], depth: u32) -> usize {
+    let (low, high) = lights.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), (_, bounds)| {
+        (low.min(bounds.centre()), high.max(bounds.centre()))
+    });
+    let extent = high - low;
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in 0..3 {
+        if !(extent[axis] > 0.0) || depth >= MEDIAN_DEPTH {
+            continue;
+        }
+        let mut buckets: [Option<LightBounds>; BUCKETS] = [None; BUCKETS];
+        for (_, bounds) in lights.iter() {
+            let bucket = &mut buckets[bucket_of(bounds, axis, low, extent)];
+            *bucket = Some(bucket.map_or(*bounds, |sum| sum.union(bounds)));
+        }
+        let stretch = extent.max_element() / extent[axis];
+        let fold = |range: &[Option<LightBounds>]| range.iter().flatten().copied().reduce(|sum, next| sum.union(&next));
+        for cut in 1..BUCKETS {
+            let (Some(left), Some(right)) = (fold(&buckets[..cut]), fold(&buckets[cut..])) else { continue };
+            let cost = left.cost(stretch) + right.cost(stretch);
+            if best.is_none_or(|(lowest, ..)| cost < lowest) {
+                best = Some((cost, axis, cut));
+            }
+        }
+    }
+    match best {
+        Some((_, axis, cut)) => {
+            // A stable order keeps the tree the same on every machine.
+            lights.sort_by_key(|(_, bounds)| bucket_of(bounds, axis, low, extent) >= cut);
+            lights.partition_point(|(_, bounds)| bucket_of(bounds, axis, low, extent) < cut)
+        }
+        None => lights.len() / 2,
+    }
+}
+
+fn bucket_of(bounds: &LightBounds, axis: usize, low: Vec3, extent: Vec3) -> usize {
+    let along = (bounds.centre()[axis] - low[axis]) / extent[axis];
+    ((along * BUCKETS as f32) as usize).min(BUCKETS - 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sobol::point;
+
+    fn lamps(count: u32) -> LightTree {
+        let lights = (0..count).map(|i| {
+            let [x, y, z, w] = point(5, i);
+            let position = Vec3::new(x, y, z) * 10.0;
+            let axis = Vec3::new(y - 0.5, z - 0.5, w - 0.45).normalize();
+            let bounds = LightBounds {
+                min: position,
+                max: position + Vec3::splat(0.1 * w),
+                axis,
+                cos_normals: 1.0,
+                cos_emission: 0.0,
+                power: 10f32.powf(w * 4.0),
+                two_sided: i % 3 == 0,
+            };
+            (i, bounds)
+        });
+        LightTree::build(lights.collect())
+    }
+
+    /// Probabilities of all lights add up to one at every point that any light can reach, and are those of sampling.
+    #[test]
+    fn probabilities_add_up_and_match_the_sampled_ones() {
+        let tree = lamps(200);
+        for i in 0..200 {
+            let [x, y, z, w] = point(9, i);
+            let p = Vec3::new(x, y, z) * 14.0 - 2.0;
+            let n = if i % 5 == 0 { Vec3::ZERO } else { Vec3::new(w - 0.5, x - 0.5, y - 0.5).normalize() };
+            let sum: f32 = (0..200).map(|light| tree.probability(p, n, light)).sum();
+            // A walk may end where every light below a node turns away: that share of the numbers finds no light.
+            assert!(sum <= 1.0 + 1e-4, "sum {sum}");
+            for k in 0..64 {
+                let u = (k as f32 + 0.5) / 64.0;
+                if let Some((light, probability)) = tree.sample(p, n, u) {
+                    assert!(probability > 0.0);
+                    assert!((tree.probability(p, n, light) - probability).abs() <= 1e-5 * probability);
+                }
+            }
+        }
+    }
+
+    /// A light that can reach a point is never given probability zero.
+    #[test]
+    fn every_light_that_faces_the_point_can_be_found() {
+        let tree = lamps(200);
+        for i in 0..200 {
+            let [x, y, z, _] = point(13, i);
+            let p = Vec3::new(x, y, z) * 10.0;
+            for node in tree.nodes.iter().filter(|node| node.is_leaf) {
+                let to_point = (p - node.bounds.centre()).normalize();
+                let cos = node.bounds.axis.dot(to_point);
+                if cos > 0.01 || node.bounds.two_sided && cos.abs() > 0.01 {
+                    assert!(tree.probability(p, Vec3::ZERO, node.next) > 0.0);
+                }
+            }
+        }
+    }
+}
