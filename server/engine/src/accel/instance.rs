@@ -26,6 +26,7 @@ pub struct Instance {
     centre_in_render: Vec3,
     normal_from_mesh: Mat3,
     bounds: Aabb,
+    handedness: f32,
 }
 
 /// A point on a surface, with what rays need to leave it.
@@ -69,6 +70,7 @@ impl Instance {
             centre_in_render: centre.as_vec3(),
             normal_from_mesh: normal_from_mesh.as_mat3(),
             bounds: Aabb { min: min - Vec3A::splat(slack), max: max + Vec3A::splat(slack) },
+            handedness: if linear.determinant() < 0.0 { -1.0 } else { 1.0 },
         }
     }
 
@@ -95,6 +97,11 @@ impl Instance {
     #[inline]
     pub(super) fn ray_in_mesh(&self, ray: &Ray) -> (Vec3, Vec3) {
         (self.mesh_from_render * (ray.origin - self.centre_in_render), self.mesh_from_render * ray.direction)
+    }
+
+    /// −1 when the transform mirrors, 1 otherwise.
+    pub fn handedness(&self) -> f32 {
+        self.handedness
     }
 
     /// A direction of mesh space in render space (not normalised).

@@ -1,5 +1,18 @@
 //! Light transport: how surfaces scatter, how lights are sampled, and which room a path belongs to.
+//!
+//! [`World`] is the scene made ready for paths: trees, materials with their textures, lights. Techniques ask it for
+//! hits, surfaces and light samples and know nothing of how they are stored.
+//!
+//! Imports `math`, `scene` and `accel`.
 
+pub mod bsdf;
+mod light;
 mod path_class;
+mod surface;
+mod world;
 
-pub use path_class::PathClass;
+pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
+pub use light::{LightOrigin, LightSample, Lights};
+pub use path_class::{PathClass, Scatter};
+pub use surface::Surface;
+pub use world::{World, WorldReport};

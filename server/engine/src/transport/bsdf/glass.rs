@@ -21,7 +21,7 @@ pub struct Glass {
 
 /// Share of unpolarised light that a smooth boundary reflects, and the cosine on the other side (0 when reflection is
 /// total). `cos_i` ≥ 0 is the cosine on the incoming side, `eta` the index beyond over the index here.
-pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
+pub(super) fn fresnel_dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     let cos_i = cos_i.clamp(0.0, 1.0);
     let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if sin2_t >= 1.0 {

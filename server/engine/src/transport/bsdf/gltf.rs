@@ -27,7 +27,14 @@ pub struct Gltf {
 
 impl Gltf {
     /// A surface from the inputs of the material at one point, all in range.
-    pub fn new(base_color: Rgb, metallic: f32, roughness: f32, ior: f32, specular: f32, specular_color: Rgb) -> Gltf {
+    pub fn new(
+        base_color: Rgb,
+        metallic: f32,
+        roughness: f32,
+        ior: f32,
+        specular: f32,
+        specular_color: Rgb,
+    ) -> Gltf {
         let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
         Gltf {
             diffuse: base_color * (1.0 - metallic),

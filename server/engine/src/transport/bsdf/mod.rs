@@ -19,8 +19,6 @@
 mod ggx;
 mod glass;
 mod gltf;
-#[cfg(test)]
-mod tests;
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -117,7 +115,9 @@ impl Bsdf {
         }
         match self {
             Bsdf::Black | Bsdf::Mirror { .. } => BsdfValue::default(),
-            Bsdf::Lambert { albedo } => BsdfValue { diffuse: lambert(*albedo, wi, 1.0), ..BsdfValue::default() },
+            Bsdf::Lambert { albedo } => {
+                BsdfValue { diffuse: lambert(*albedo, wi, 1.0), ..BsdfValue::default() }
+            }
             Bsdf::Gltf(gltf) => gltf.eval(wo, wi),
             Bsdf::Glass(glass) => glass.eval(wo, wi),
         }
@@ -144,7 +144,10 @@ impl Bsdf {
 /// The Lambert lobe when it is taken with probability `chance`.
 fn lambert(albedo: Rgb, wi: Vec3, chance: f32) -> LobeValue {
     let cos = wi.z.abs();
-    LobeValue { f_cos: albedo * (FRAC_1_PI * cos), pdf_solid_angle: warp::cosine_hemisphere_pdf(cos) * chance }
+    LobeValue {
+        f_cos: albedo * (FRAC_1_PI * cos),
+        pdf_solid_angle: warp::cosine_hemisphere_pdf(cos) * chance,
+    }
 }
 
 fn sample_lambert(albedo: Rgb, wo: Vec3, u: [f32; 2], chance: f32) -> Option<BsdfSample> {

@@ -35,9 +35,12 @@ impl EnvironmentLight {
     pub(in crate::transport) fn of(scene: &Scene) -> Option<EnvironmentLight> {
         match scene.environment() {
             Environment::None => None,
-            Environment::Constant(radiance) => (!radiance.is_black()).then_some(EnvironmentLight::Constant(*radiance)),
+            Environment::Constant(radiance) => {
+                (!radiance.is_black()).then_some(EnvironmentLight::Constant(*radiance))
+            }
             Environment::Image { texture, scale, rotation_rad } => {
-                let image = EnvironmentImage::new(scene.textures().get(texture)?.clone(), *scale, *rotation_rad);
+                let image =
+                    EnvironmentImage::new(scene.textures().get(texture)?.clone(), *scale, *rotation_rad);
                 image.map(EnvironmentLight::Image)
             }
         }
@@ -143,7 +146,9 @@ impl EnvironmentImage {
     fn pdf(&self, wi: Vec3) -> f32 {
         let (x, y) = self.texel_of(wi);
         let (x, y) = (x as usize, y as usize);
-        let weight = |sums: &[f32], i: usize| (sums[i] - if i == 0 { 0.0 } else { sums[i - 1] }) / sums[sums.len() - 1];
+        let weight = |sums: &[f32], i: usize| {
+            (sums[i] - if i == 0 { 0.0 } else { sums[i - 1] }) / sums[sums.len() - 1]
+        };
         let row = self.row(y);
         let row_weight = weight(&self.rows, y);
         if row_weight <= 0.0 || row[row.len() - 1] <= 0.0 {

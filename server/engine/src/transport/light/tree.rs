@@ -91,7 +91,8 @@ impl LightBounds {
         let sin_o = theta_o.sin();
         let solid_angle = std::f32::consts::TAU * (1.0 - self.cos_normals)
             + std::f32::consts::FRAC_PI_2
-                * (2.0 * theta_w * sin_o - (theta_o - 2.0 * theta_w).cos() - 2.0 * theta_o * sin_o + self.cos_normals);
+                * (2.0 * theta_w * sin_o - (theta_o - 2.0 * theta_w).cos() - 2.0 * theta_o * sin_o
+                    + self.cos_normals);
         let d = self.max - self.min;
         let area = d.x * d.y + d.y * d.z + d.z * d.x;
         // Lights on one line have no surface but still a size.
@@ -116,9 +117,10 @@ fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
     }
     let turn_axis = a.0.cross(b.0);
     match turn_axis.try_normalize() {
-        Some(turn_axis) => {
-            (glam::Quat::from_axis_angle(turn_axis, theta - theta_a).mul_vec3(a.0).normalize_or(a.0), theta.cos())
-        }
+        Some(turn_axis) => (
+            glam::Quat::from_axis_angle(turn_axis, theta - theta_a).mul_vec3(a.0).normalize_or(a.0),
+            theta.cos(),
+        ),
         None => whole,
     }
 }
@@ -252,7 +254,9 @@ fn split(lights: &mut [(u32, LightBounds)], depth: u32) -> usize {
             *bucket = Some(bucket.map_or(*bounds, |sum| sum.union(bounds)));
         }
         let stretch = extent.max_element() / extent[axis];
-        let fold = |range: &[Option<LightBounds>]| range.iter().flatten().copied().reduce(|sum, next| sum.union(&next));
+        let fold = |range: &[Option<LightBounds>]| {
+            range.iter().flatten().copied().reduce(|sum, next| sum.union(&next))
+        };
         for cut in 1..BUCKETS {
             let (Some(left), Some(right)) = (fold(&buckets[..cut]), fold(&buckets[cut..])) else { continue };
             let cost = left.cost(stretch) + right.cost(stretch);

@@ -1,0 +1,353 @@
+//! Lights as the integrator asks for them: a direction, the radiance from there, and the density of having drawn it.
+//!
+//! Emissive triangles, point and spot lights stand in one light tree; directional lights and the environment
+//! are chosen evenly beside it. Every density includes the choice of the light.
+
+mod environment;
+mod tree;
+
+use std::f32::consts::PI;
+
+use glam::Vec3;
+
+pub(in crate::transport) use self::environment::EnvironmentLight;
+use self::tree::{LightBounds, LightTree};
+use crate::{
+    accel::{Accel, SurfacePoint},
+    math::{Rgb, warp},
+    scene::{LightKind, Scene},
+};
+
+/// A light that stands somewhere.
+#[derive(Clone, Copy, Debug)]
+enum LocalLight {
+    Triangle { instance: u32, triangle: u32, area_m2: f32, two_sided: bool },
+    Point { position: Vec3, intensity: Rgb },
+    Spot { position: Vec3, axis: Vec3, intensity: Rgb, cos_inner: f32, cos_outer: f32 },
+}
+
+/// A directional light: travels along `direction`.
+#[derive(Clone, Copy, Debug)]
+struct Directional {
+    direction: Vec3,
+    irradiance: Rgb,
+}
+
+/// Where a light sample comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum LightOrigin {
+    /// A point on an emissive triangle; the caller looks up what it emits.
+    Surface {
+        /// Instance index.
+        instance: u32,
+        /// Triangle index.
+        triangle: u32,
+        /// Barycentric weights of the second and third vertex.
+        barycentric: [f32; 2],
+        /// The point.
+        point: SurfacePoint,
+    },
+    /// A point without size.
+    Point(Vec3),
+    /// Infinitely far.
+    Infinite,
+}
+
+/// A direction towards a light.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    /// Unit direction to the light.
+    pub wi: Vec3,
+    /// Radiance along −wi for surfaces and the environment; for lights without size what radiance × density would
+    /// be: W/sr over squared distance, or W/m². Surfaces: left white, see [`LightOrigin::Surface`].
+    pub radiance: Rgb,
+    /// Density over solid angle times the chance of the light, 1/sr; for lights without size the chance alone.
+    pub pdf: f32,
+    /// True for lights without size, which no scattered ray can hit.
+    pub is_delta: bool,
+    /// Where it comes from.
+    pub origin: LightOrigin,
+}
+
+/// Triangles of one primitive of an instance that emit, numbered from `first_light` on.
+#[derive(Clone, Copy, Debug)]
+struct EmissiveRun {
+    first_triangle: u32,
+    triangle_count: u32,
+    first_light: u32,
+}
+
+/// All lights of a scene.
+#[derive(Debug)]
+pub struct Lights {
+    local: Vec<LocalLight>,
+    tree: LightTree,
+    directional: Vec<Directional>,
+    environment: Option<EnvironmentLight>,
+    /// Per instance, the runs of its triangles that emit.
+    runs: Vec<Vec<EmissiveRun>>,
+    emissive_triangles: usize,
+}
+
+/// What the lights need to know of a material.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::transport) struct Emission {
+    /// Mean luminance of the emitted radiance over the material's texture.
+    pub(in crate::transport) luminance: f32,
+    pub(in crate::transport) two_sided: bool,
+}
+
+impl Lights {
+    /// Collects the lights of `scene`; `emission_of(instance, primitive)` says what a primitive emits.
+    pub(in crate::transport) fn collect(
+        scene: &Scene,
+        accel: &Accel,
+        emission_of: impl Fn(usize, usize) -> Option<Emission>,
+    ) -> Lights {
+        let mut lights = Lights {
+            local: Vec::new(),
+            tree: LightTree::default(),
+            directional: Vec::new(),
+            environment: EnvironmentLight::of(scene),
+            runs: Vec::with_capacity(accel.instances().len()),
+            emissive_triangles: 0,
+        };
+        let mut bounds = Vec::new();
+        for (instance_index, instance) in accel.instances().iter().enumerate() {
+            let mut runs = Vec::new();
+            for (primitive_index, primitive) in instance.mesh().primitives().iter().enumerate() {
+                let Some(emission) = emission_of(instance_index, primitive_index) else { continue };
+                runs.push(EmissiveRun {
+                    first_triangle: primitive.first_triangle,
+                    triangle_count: primitive.triangle_count,
+                    first_light: lights.local.len() as u32,
+                });
+                for triangle in primitive.first_triangle..primitive.first_triangle + primitive.triangle_count
+                {
+                    lights.add_triangle(accel, instance_index as u32, triangle, emission, &mut bounds);
+                }
+            }
+            lights.runs.push(runs);
+        }
+        lights.emissive_triangles = lights.local.len();
+        lights.add_punctual(scene, accel, &mut bounds);
+        lights.tree = LightTree::build(bounds);
+        lights
+    }
+
+    fn add_triangle(
+        &mut self,
+        accel: &Accel,
+        instance: u32,
+        triangle: u32,
+        emission: Emission,
+        bounds: &mut Vec<(u32, LightBounds)>,
+    ) {
+        let placed = &accel.instances()[instance as usize];
+        let [a, b, c] =
+            placed.mesh().triangles()[triangle as usize].map(|vertex| placed.vertex_in_render(vertex));
+        let area_m2 = ((b - a).as_dvec3().cross((c - a).as_dvec3()).length() * 0.5) as f32;
+        let sides = if emission.two_sided { 2.0 } else { 1.0 };
+        let axis = placed.surface_point(triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
+        let light = LightBounds {
+            min: a.min(b).min(c),
+            max: a.max(b).max(c),
+            axis,
+            cos_normals: 1.0,
+            cos_emission: 0.0,
+            power: (emission.luminance * area_m2 * PI * sides).min(f32::MAX),
+            two_sided: emission.two_sided,
+        };
+        bounds.push((self.local.len() as u32, light));
+        self.local.push(LocalLight::Triangle { instance, triangle, area_m2, two_sided: emission.two_sided });
+    }
+
+    fn add_punctual(&mut self, scene: &Scene, accel: &Accel, bounds: &mut Vec<(u32, LightBounds)>) {
+        for light in scene.lights().values() {
+            let world_from_parent = scene.world_from_node(light.parent.as_ref());
+            let position = accel.to_render(world_from_parent.transform_point3(light.position));
+            let axis = world_from_parent
+                .transform_vector3(light.direction)
+                .normalize_or(glam::DVec3::NEG_Z)
+                .as_vec3();
+            let standing =
+                |intensity: Rgb, cos_normals: f32, cos_emission: f32, solid_angle_sr: f32| LightBounds {
+                    min: position,
+                    max: position,
+                    axis,
+                    cos_normals,
+                    cos_emission,
+                    power: intensity.luminance() * solid_angle_sr,
+                    two_sided: false,
+                };
+            match light.kind {
+                LightKind::Directional { irradiance } => {
+                    if !irradiance.is_black() {
+                        self.directional.push(Directional { direction: axis, irradiance });
+                    }
+                    continue;
+                }
+                LightKind::Point { intensity } => {
+                    bounds.push((self.local.len() as u32, standing(intensity, -1.0, 0.0, 4.0 * PI)));
+                    self.local.push(LocalLight::Point { position, intensity });
+                }
+                LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad } => {
+                    let (cos_inner, cos_outer) = (inner_angle_rad.cos(), outer_angle_rad.cos());
+                    let solid_angle_sr = PI * (2.0 - cos_inner - cos_outer);
+                    // The axis spreads over the outer cone and emission ends there: no further spread.
+                    bounds.push((
+                        self.local.len() as u32,
+                        standing(intensity, cos_outer, 1.0 - 1e-6, solid_angle_sr),
+                    ));
+                    self.local.push(LocalLight::Spot { position, axis, intensity, cos_inner, cos_outer });
+                }
+            }
+        }
+    }
+
+    /// The environment, if any light comes from there.
+    pub(in crate::transport) fn environment(&self) -> Option<&EnvironmentLight> {
+        self.environment.as_ref()
+    }
+
+    /// Number of emissive triangles.
+    pub fn emissive_triangle_count(&self) -> usize {
+        self.emissive_triangles
+    }
+
+    /// True when no light of the scene sends anything out.
+    pub fn is_dark(&self) -> bool {
+        self.tree.is_empty() && self.infinite_count() == 0
+    }
+
+    /// Bytes of lights and their tree.
+    pub fn bytes(&self) -> usize {
+        self.local.len() * size_of::<LocalLight>()
+            + self.tree.bytes()
+            + self.environment.as_ref().map_or(0, EnvironmentLight::bytes)
+    }
+
+    fn infinite_count(&self) -> usize {
+        self.directional.len() + usize::from(self.environment.is_some())
+    }
+
+    /// Chance of each infinite light, and of the tree: even, since power at a distance compares with nothing near.
+    fn shares(&self) -> (f32, f32) {
+        let choices = self.infinite_count() + usize::from(!self.tree.is_empty());
+        let each = 1.0 / choices.max(1) as f32;
+        (each, if self.tree.is_empty() { 0.0 } else { each })
+    }
+
+    /// Draws a light for the point `p` whose surface faces `n` (zero vector: faces anywhere), with numbers `u`
+    /// (choice, two for the place on it). `None`: no light for these numbers.
+    pub fn sample(&self, accel: &Accel, p: Vec3, n: Vec3, u: [f32; 3]) -> Option<LightSample> {
+        let (each, tree_share) = self.shares();
+        if u[0] < tree_share {
+            let (light, chance) = self.tree.sample(p, n, u[0] / tree_share)?;
+            return self.sample_local(accel, light, chance * tree_share, p, [u[1], u[2]]);
+        }
+        let infinite_count = self.infinite_count();
+        // Rounding may reach one past the last.
+        let index = (((u[0] - tree_share) / each) as usize).min(infinite_count.checked_sub(1)?);
+        if let Some(light) = self.directional.get(index) {
+            return Some(LightSample {
+                wi: -light.direction,
+                radiance: light.irradiance,
+                pdf: each,
+                is_delta: true,
+                origin: LightOrigin::Infinite,
+            });
+        }
+        let environment = self.environment.as_ref()?;
+        let (wi, pdf) = environment.sample(n, [u[1], u[2]])?;
+        Some(LightSample {
+            wi,
+            radiance: environment.radiance(wi),
+            pdf: pdf * each,
+            is_delta: false,
+            origin: LightOrigin::Infinite,
+        })
+    }
+
+    fn sample_local(
+        &self,
+        accel: &Accel,
+        light: u32,
+        chance: f32,
+        p: Vec3,
+        u: [f32; 2],
+    ) -> Option<LightSample> {
+        let point_light = |position: Vec3, intensity: Rgb| {
+            let to_light = position - p;
+            let distance2 = to_light.length_squared();
+            let wi = to_light.try_normalize()?;
+            let radiance = intensity * (1.0 / distance2);
+            let origin = LightOrigin::Point(position);
+            Some(LightSample { wi, radiance, pdf: chance, is_delta: true, origin })
+        };
+        match self.local[light as usize] {
+            LocalLight::Point { position, intensity } => point_light(position, intensity),
+            LocalLight::Spot { position, axis, intensity, cos_inner, cos_outer } => {
+                let mut sample = point_light(position, intensity)?;
+                sample.radiance *= spot_falloff(-sample.wi.dot(axis), cos_inner, cos_outer);
+                (!sample.radiance.is_black()).then_some(sample)
+            }
+            LocalLight::Triangle { instance, triangle, area_m2, two_sided } => {
+                let barycentric = warp::triangle(u);
+                let point = accel.instances()[instance as usize].surface_point(
+                    triangle,
+                    barycentric[0],
+                    barycentric[1],
+                );
+                let to_light = point.position - p;
+                let wi = to_light.try_normalize()?;
+                let pdf = area_pdf(point.n_geo, area_m2, two_sided, wi, to_light.length_squared())? * chance;
+                let origin = LightOrigin::Surface { instance, triangle, barycentric, point };
+                Some(LightSample { wi, radiance: Rgb::WHITE, pdf, is_delta: false, origin })
+            }
+        }
+    }
+
+    /// Density with which [`Lights::sample`] at (`p`, `n`) draws direction `wi` to this point of a triangle; zero when
+    /// the triangle is no light.
+    pub fn pdf_of_triangle(
+        &self,
+        p: Vec3,
+        n: Vec3,
+        wi: Vec3,
+        instance: u32,
+        triangle: u32,
+        on_light: &SurfacePoint,
+    ) -> f32 {
+        let runs = &self.runs[instance as usize];
+        let run = runs.iter().find(|run| triangle.wrapping_sub(run.first_triangle) < run.triangle_count);
+        let Some(run) = run else { return 0.0 };
+        let light = run.first_light + (triangle - run.first_triangle);
+        let LocalLight::Triangle { area_m2, two_sided, .. } = self.local[light as usize] else { return 0.0 };
+        let distance2 = (on_light.position - p).length_squared();
+        match area_pdf(on_light.n_geo, area_m2, two_sided, wi, distance2) {
+            Some(pdf) => pdf * self.tree.probability(p, n, light) * self.shares().1,
+            None => 0.0,
+        }
+    }
+
+    /// Density with which [`Lights::sample`] draws `wi` from the environment.
+    pub fn pdf_of_environment(&self, n: Vec3, wi: Vec3) -> f32 {
+        self.environment.as_ref().map_or(0.0, |environment| environment.pdf(n, wi) * self.shares().0)
+    }
+}
+
+/// Density of an evenly drawn point of a triangle as a direction: distance² / (cos θ · area). `None` from behind.
+fn area_pdf(n: Vec3, area_m2: f32, two_sided: bool, wi: Vec3, distance2: f32) -> Option<f32> {
+    let cos = -n.dot(wi);
+    let cos = if two_sided { cos.abs() } else { cos };
+    let pdf = distance2 / (cos * area_m2);
+    (cos > 0.0 && pdf > 0.0 && pdf.is_finite()).then_some(pdf)
+}
+
+/// glTF's spot falloff: 1 inside the inner cone, 0 outside the outer one, smooth (squared) between.
+fn spot_falloff(cos: f32, cos_inner: f32, cos_outer: f32) -> f32 {
+    let range = (cos_inner - cos_outer).max(1e-6);
+    let t = ((cos - cos_outer) / range).clamp(0.0, 1.0);
+    t * t
+}

@@ -1,0 +1,282 @@
+//! A point of a surface as a path meets it: position, frame, scattering model, emission.
+
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3, Vec4};
+
+use super::bsdf::{Bsdf, Glass, Gltf, SMOOTH_ALPHA};
+use crate::{
+    accel::{Hit, Instance, SurfacePoint},
+    math::{Frame, Rgb},
+    scene::{Encoding, Id, Material, Scene, Texture, TextureSlot},
+};
+
+/// A material with its textures at hand.
+#[derive(Debug)]
+pub(in crate::transport) struct PreparedMaterial {
+    material: Arc<Material>,
+    textures: [Option<Arc<Texture>>; 7],
+    /// Mean of the emissive texture's luminance, 1 without one.
+    mean_emission: f32,
+}
+
+/// What a path needs to know where it met a surface.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    /// Where, and how to leave.
+    pub point: SurfacePoint,
+    /// Shading frame; its normal is on the side of the ray's start for everything but glass, where it is outside.
+    pub frame: Frame,
+    /// Scattering model.
+    pub bsdf: Bsdf,
+    /// Radiance sent back along the ray, W/(m² sr).
+    pub emitted: Rgb,
+    /// Radiance that only counts where the surface is seen (unlit materials).
+    pub unlit: Rgb,
+    /// Colour that is left of light that crossed one metre inside, for hits from inside an absorbing material.
+    pub absorbed_from: Option<Absorption>,
+}
+
+/// Beer–Lambert absorption.
+#[derive(Clone, Copy, Debug)]
+pub struct Absorption {
+    color: Rgb,
+    distance_m: f32,
+}
+
+impl Absorption {
+    /// Share of light left after `distance_m`: colour^(distance / reference distance).
+    pub fn transmittance(&self, distance_m: f32) -> Rgb {
+        let exponent = distance_m / self.distance_m;
+        self.color.map(|c| if c <= 0.0 && exponent > 0.0 { 0.0 } else { c.powf(exponent) })
+    }
+}
+
+/// Interpolated vertex data at a hit.
+struct Interpolated {
+    texcoords: [Vec2; 2],
+    color: Vec4,
+}
+
+impl PreparedMaterial {
+    pub(in crate::transport) fn new(scene: &Scene, id: &Id) -> PreparedMaterial {
+        let material = scene.materials().get(id).cloned().unwrap_or_default();
+        let textures = std::array::from_fn(|slot| {
+            scene.textures().get(&material.textures[slot].as_ref()?.texture).cloned()
+        });
+        let mut prepared = PreparedMaterial { material, textures, mean_emission: 1.0 };
+        prepared.mean_emission = prepared.mean_emission_luminance();
+        prepared
+    }
+
+    pub(in crate::transport) fn material(&self) -> &Material {
+        &self.material
+    }
+
+    /// Mean luminance of what the material emits; zero when it emits nothing.
+    pub(in crate::transport) fn emission_luminance(&self) -> f32 {
+        if self.material.is_emissive() {
+            self.material.emission.luminance() * self.mean_emission
+        } else {
+            0.0
+        }
+    }
+
+    fn mean_emission_luminance(&self) -> f32 {
+        let Some(texture) = &self.textures[TextureSlot::Emission as usize] else { return 1.0 };
+        // A grid of at most 64² texels: the mean steers sampling only, so it need not be exact, but must not be zero
+        // where any texel shines.
+        let (columns, rows) = (texture.width.min(64), texture.height.min(64));
+        let mut sum = 0.0;
+        for y in 0..rows {
+            for x in 0..columns {
+                let texel =
+                    texture.texel(x * texture.width / columns, y * texture.height / rows, Encoding::Srgb);
+                sum += Rgb::new(texel.x, texel.y, texel.z).luminance();
+            }
+        }
+        (sum / (columns * rows) as f32).max(1e-3)
+    }
+
+    pub(in crate::transport) fn is_masked(&self) -> bool {
+        self.material.alpha_cutoff.is_some()
+    }
+
+    fn sampled(&self, slot: TextureSlot, at: &Interpolated) -> Option<Vec4> {
+        let reference = self.material.texture(slot)?;
+        let texture = self.textures[slot as usize].as_ref()?;
+        let encoding = if slot.is_colour() { Encoding::Srgb } else { Encoding::Linear };
+        Some(reference.sample(texture, at.texcoords[usize::from(reference.texcoord_set.min(1))], encoding))
+    }
+
+    /// False where the alpha mask cuts the surface away.
+    pub(in crate::transport) fn is_present(&self, instance: &Instance, hit: &Hit) -> bool {
+        let Some(cutoff) = self.material.alpha_cutoff else { return true };
+        let at = interpolated(instance, hit);
+        let texel = self.sampled(TextureSlot::BaseColor, &at).unwrap_or(Vec4::ONE);
+        self.material.alpha * texel.w * at.color.w >= cutoff
+    }
+
+    /// Radiance that the front or back of the surface sends out.
+    pub(in crate::transport) fn emitted(&self, instance: &Instance, hit: &Hit, from_front: bool) -> Rgb {
+        if !self.material.is_emissive() || !(from_front || self.material.double_sided) {
+            return Rgb::BLACK;
+        }
+        match self.textures[TextureSlot::Emission as usize] {
+            None => self.material.emission,
+            Some(_) => self.emission_at(&interpolated(instance, hit)),
+        }
+    }
+
+    fn emission_at(&self, at: &Interpolated) -> Rgb {
+        match self.sampled(TextureSlot::Emission, at) {
+            None => self.material.emission,
+            Some(texel) => self.material.emission * Rgb::new(texel.x, texel.y, texel.z),
+        }
+    }
+
+    /// The surface at `hit`, met by a ray along `direction` (unit).
+    pub(in crate::transport) fn surface(&self, instance: &Instance, hit: &Hit, direction: Vec3) -> Surface {
+        let point = instance.point_of(hit);
+        let at = interpolated(instance, hit);
+        let wo = -direction;
+        let from_front = wo.dot(point.n_geo) > 0.0;
+        let emitted = self.emitted(instance, hit, from_front);
+        let base = self.base_color(&at);
+        let n_shade = self.shading_normal(instance, hit, &at, point.n_geo);
+        if self.material.unlit {
+            let (frame, bsdf) = (Frame::around(n_shade), Bsdf::Black);
+            return Surface { point, frame, bsdf, emitted: Rgb::BLACK, unlit: base, absorbed_from: None };
+        }
+        let bsdf = self.bsdf(base, &at);
+        let is_glass = matches!(bsdf, Bsdf::Glass(_));
+        // Reflection is two-sided: the frame turns to the viewer. For glass the sides differ and the frame stays.
+        let n_shade = if !is_glass && wo.dot(n_shade) < 0.0 { -n_shade } else { n_shade };
+        let inside = is_glass && wo.dot(n_shade) < 0.0 && self.material.attenuation_distance_m.is_finite();
+        let absorbed_from = inside.then_some(Absorption {
+            color: self.material.attenuation_color,
+            distance_m: self.material.attenuation_distance_m,
+        });
+        Surface { point, frame: Frame::around(n_shade), bsdf, emitted, unlit: Rgb::BLACK, absorbed_from }
+    }
+
+    fn base_color(&self, at: &Interpolated) -> Rgb {
+        let texel = self.sampled(TextureSlot::BaseColor, at).unwrap_or(Vec4::ONE) * at.color;
+        self.material.base_color * Rgb::new(texel.x, texel.y, texel.z)
+    }
+
+    fn bsdf(&self, base: Rgb, at: &Interpolated) -> Bsdf {
+        let material = &*self.material;
+        let (mut metallic, mut roughness) = (material.metallic, material.roughness);
+        if let Some(texel) = self.sampled(TextureSlot::MetallicRoughness, at) {
+            roughness *= texel.y;
+            metallic *= texel.z;
+        }
+        let specular =
+            material.specular * self.sampled(TextureSlot::Specular, at).map_or(1.0, |texel| texel.w);
+        let transmission =
+            material.transmission * self.sampled(TextureSlot::Transmission, at).map_or(1.0, |t| t.x);
+        if transmission > 0.0 && metallic < 1.0 {
+            return Bsdf::Glass(Glass { eta: material.ior, tint: base, transmission });
+        }
+        if metallic >= 1.0 && roughness * roughness < SMOOTH_ALPHA {
+            return Bsdf::Mirror { reflectance: base };
+        }
+        if metallic <= 0.0 && specular <= 0.0 {
+            return if base.is_black() { Bsdf::Black } else { Bsdf::Lambert { albedo: base } };
+        }
+        let specular_color =
+            self.sampled(TextureSlot::SpecularColor, at).map_or(material.specular_color, |texel| {
+                material.specular_color * Rgb::new(texel.x, texel.y, texel.z)
+            });
+        Bsdf::Gltf(Gltf::new(base, metallic, roughness, material.ior, specular, specular_color))
+    }
+
+    /// Interpolated normal, bent by the normal map; the triangle's own where the mesh has none.
+    fn shading_normal(&self, instance: &Instance, hit: &Hit, at: &Interpolated, n_geo: Vec3) -> Vec3 {
+        let mesh = instance.mesh();
+        let triangle = mesh.triangles()[hit.triangle as usize];
+        let weights = weights(hit);
+        let normals = mesh.normals();
+        let mut n = n_geo;
+        if !normals.is_empty() {
+            let corners = triangle.map(|vertex| normals[vertex as usize]);
+            // A corner of zero length asks for the triangle's own normal.
+            if corners.iter().all(|corner| *corner != Vec3::ZERO) {
+                let n_in_mesh = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+                n = instance.normal_to_render(n_in_mesh).normalize_or(n_geo);
+            }
+        }
+        match self.sampled(TextureSlot::Normal, at) {
+            None => n,
+            Some(texel) => self.bent(instance, triangle, weights, n, texel).unwrap_or(n),
+        }
+    }
+
+    fn bent(
+        &self,
+        instance: &Instance,
+        triangle: [u32; 3],
+        weights: [f32; 3],
+        n: Vec3,
+        texel: Vec4,
+    ) -> Option<Vec3> {
+        let scale = self.material.normal_scale;
+        let map =
+            Vec3::new((texel.x * 2.0 - 1.0) * scale, (texel.y * 2.0 - 1.0) * scale, texel.z * 2.0 - 1.0);
+        let mesh = instance.mesh();
+        let (tangent, handedness) = if mesh.tangents().is_empty() {
+            let set = self.material.texture(TextureSlot::Normal)?.texcoord_set;
+            uv_tangent(mesh.texcoords(usize::from(set)), mesh.positions(), triangle)?
+        } else {
+            let corners = triangle.map(|vertex| mesh.tangents()[vertex as usize]);
+            let sum = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+            (sum.truncate(), if corners[0].w < 0.0 { -1.0 } else { 1.0 })
+        };
+        let t = instance.vector_to_render(tangent);
+        let t = (t - n * n.dot(t)).try_normalize()?;
+        // Mirroring transforms turn the bitangent round with the mesh.
+        let b = n.cross(t) * handedness * instance.handedness();
+        (t * map.x + b * map.y + n * map.z).try_normalize()
+    }
+}
+
+/// Direction of growing u on a triangle, and whether v grows to the left (+1) or right (−1) of it.
+fn uv_tangent(texcoords: &[Vec2], positions: &[Vec3], triangle: [u32; 3]) -> Option<(Vec3, f32)> {
+    if texcoords.is_empty() {
+        return None;
+    }
+    let [p0, p1, p2] = triangle.map(|vertex| positions[vertex as usize]);
+    let [t0, t1, t2] = triangle.map(|vertex| texcoords[vertex as usize]);
+    let (e1, e2, d1, d2) = (p1 - p0, p2 - p0, t1 - t0, t2 - t0);
+    let determinant = d1.x * d2.y - d1.y * d2.x;
+    // glTF's v runs down the picture, a normal map's green up: hence the sign of the bitangent.
+    let tangent = (e1 * d2.y - e2 * d1.y) * 1f32.copysign(determinant);
+    (determinant != 0.0 && tangent != Vec3::ZERO).then_some((tangent, -1f32.copysign(determinant)))
+}
+
+fn weights(hit: &Hit) -> [f32; 3] {
+    [1.0 - hit.b1 - hit.b2, hit.b1, hit.b2]
+}
+
+fn interpolated(instance: &Instance, hit: &Hit) -> Interpolated {
+    let mesh = instance.mesh();
+    let triangle = mesh.triangles()[hit.triangle as usize];
+    let [w0, w1, w2] = weights(hit);
+    let texcoord = |set: usize| match mesh.texcoords(set) {
+        [] => Vec2::ZERO,
+        texcoords => {
+            let [a, b, c] = triangle.map(|vertex| texcoords[vertex as usize]);
+            a * w0 + b * w1 + c * w2
+        }
+    };
+    let color = match mesh.colors() {
+        [] => Vec4::ONE,
+        colors => {
+            let [a, b, c] = triangle.map(|vertex| colors[vertex as usize]);
+            // Weights may miss 1 by a rounding; a factor above 1 would create energy.
+            (a * w0 + b * w1 + c * w2).clamp(Vec4::ZERO, Vec4::ONE)
+        }
+    };
+    Interpolated { texcoords: [texcoord(0), texcoord(1)], color }
+}

@@ -1,0 +1,166 @@
+//! The scene made ready for light paths.
+
+use std::sync::Arc;
+
+use glam::Vec3;
+
+use super::{
+    Lights, Surface,
+    light::{Emission, EnvironmentLight},
+    surface::PreparedMaterial,
+};
+use crate::{
+    accel::{Accel, AccelReport, Hit, Ray, SurfacePoint},
+    math::Rgb,
+    scene::{Id, Scene},
+    transport::LightOrigin,
+};
+
+/// A scene with its trees, materials and lights. Immutable: an edit makes a new one that shares what stayed.
+#[derive(Debug)]
+pub struct World {
+    scene: Arc<Scene>,
+    accel: Accel,
+    materials: Vec<PreparedMaterial>,
+    /// Per instance: the material of each primitive, by index into `materials`.
+    primitive_materials: Vec<Vec<u32>>,
+    /// Some surface is cut by an alpha mask; without one, rays never ask.
+    has_masks: bool,
+    lights: Lights,
+}
+
+/// What preparing took and holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WorldReport {
+    /// Trees.
+    pub accel: AccelReport,
+    /// Bytes of lights and their tree.
+    pub light_bytes: usize,
+    /// Bytes of meshes.
+    pub mesh_bytes: usize,
+    /// Bytes of textures.
+    pub texture_bytes: usize,
+}
+
+impl World {
+    /// Prepares a scene from nothing.
+    pub fn prepare(scene: Arc<Scene>) -> World {
+        let accel = Accel::build(&scene, None);
+        World::with(scene, accel)
+    }
+
+    /// Prepares the next state of a scene, taking over the trees of meshes that stayed.
+    pub fn update(&self, scene: Arc<Scene>) -> World {
+        let accel = Accel::build(&scene, Some(&self.accel));
+        World::with(scene, accel)
+    }
+
+    fn with(scene: Arc<Scene>, accel: Accel) -> World {
+        let materials: Vec<PreparedMaterial> =
+            scene.materials().keys().map(|id| PreparedMaterial::new(&scene, id)).collect();
+        let index_of = |id: &Id| scene.materials().get_index_of(id).unwrap_or(0) as u32;
+        let primitive_materials: Vec<Vec<u32>> = accel
+            .instances()
+            .iter()
+            .map(|instance| {
+                instance.mesh().primitives().iter().map(|primitive| index_of(&primitive.material)).collect()
+            })
+            .collect();
+        let has_masks =
+            primitive_materials.iter().flatten().any(|material| materials[*material as usize].is_masked());
+        let emission_of = |instance: usize, primitive: usize| {
+            let material = &materials[primitive_materials[instance][primitive] as usize];
+            let luminance = material.emission_luminance();
+            (luminance > 0.0).then_some(Emission { luminance, two_sided: material.material().double_sided })
+        };
+        let lights = Lights::collect(&scene, &accel, emission_of);
+        World { scene, accel, materials, primitive_materials, has_masks, lights }
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The trees.
+    pub fn accel(&self) -> &Accel {
+        &self.accel
+    }
+
+    /// The lights.
+    pub fn lights(&self) -> &Lights {
+        &self.lights
+    }
+
+    /// What preparing took and holds.
+    pub fn report(&self) -> WorldReport {
+        WorldReport {
+            accel: self.accel.report(),
+            light_bytes: self.lights.bytes(),
+            mesh_bytes: self.scene.meshes().values().map(|mesh| mesh.bytes()).sum(),
+            texture_bytes: self.scene.textures().values().map(|texture| texture.bytes()).sum(),
+        }
+    }
+
+    fn material_of(&self, hit: &Hit) -> &PreparedMaterial {
+        let primitives = self.accel.instances()[hit.instance as usize].mesh().primitives();
+        let primitive = primitives.partition_point(|primitive| primitive.first_triangle <= hit.triangle) - 1;
+        &self.materials[self.primitive_materials[hit.instance as usize][primitive] as usize]
+    }
+
+    fn is_present(&self, hit: &Hit) -> bool {
+        self.material_of(hit).is_present(&self.accel.instances()[hit.instance as usize], hit)
+    }
+
+    /// Nearest surface along the ray; masks are honoured.
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        if self.has_masks {
+            self.accel.closest_hit(ray, |hit| self.is_present(hit))
+        } else {
+            self.accel.closest_hit(ray, |_| true)
+        }
+    }
+
+    /// True when anything lies on the ray; masks are honoured.
+    pub fn is_occluded(&self, ray: &Ray) -> bool {
+        if self.has_masks {
+            self.accel.is_occluded(ray, |hit| self.is_present(hit))
+        } else {
+            self.accel.is_occluded(ray, |_| true)
+        }
+    }
+
+    /// The surface at `hit`, met along the unit direction `direction`.
+    pub fn surface(&self, hit: &Hit, direction: Vec3) -> Surface {
+        self.material_of(hit).surface(&self.accel.instances()[hit.instance as usize], hit, direction)
+    }
+
+    /// Radiance from outside the scene, W/(m² sr).
+    pub fn environment_radiance(&self, wi: Vec3) -> Rgb {
+        self.lights
+            .environment()
+            .map_or(Rgb::BLACK, |environment: &EnvironmentLight| environment.radiance(wi))
+    }
+
+    /// Radiance of a light sample at the surface it was drawn for, before occlusion, and the ray that tests it.
+    pub fn towards_light(&self, from: &SurfacePoint, sample: &super::LightSample) -> Option<(Rgb, Ray)> {
+        let origin = from.origin_towards(sample.wi);
+        let (radiance, target) = match sample.origin {
+            LightOrigin::Infinite => return Some((sample.radiance, Ray::new(origin, sample.wi))),
+            LightOrigin::Point(position) => (sample.radiance, position),
+            LightOrigin::Surface { instance, triangle, barycentric, point } => {
+                let hit = Hit { t: 0.0, instance, triangle, b1: barycentric[0], b2: barycentric[1] };
+                let placed = &self.accel.instances()[instance as usize];
+                let material = self.material_of(&hit);
+                let from_front = sample.wi.dot(point.n_geo) < 0.0;
+                if !material.is_present(placed, &hit) {
+                    return None;
+                }
+                (material.emitted(placed, &hit, from_front), point.origin_towards(-sample.wi))
+            }
+        };
+        // The ray ends before the light's own surface: its end is off it as its start is off ours.
+        let direction = target - origin;
+        (!radiance.is_black()).then_some((radiance, Ray { origin, direction, t_max: 1.0 }))
+    }
+}
