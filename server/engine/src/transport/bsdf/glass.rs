@@ -28,6 +28,10 @@ pub struct Glass {
 /// total). `cos_i` ≥ 0 is the cosine on the incoming side, `eta` the index beyond over the index here.
 pub(super) fn fresnel_dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     let cos_i = cos_i.clamp(0.0, 1.0);
+    if eta == 1.0 {
+        // Nothing changes at such a boundary, at grazing incidence either, where the terms below are 0/0.
+        return (0.0, cos_i);
+    }
     let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
     if sin2_t >= 1.0 {
         return (1.0, 0.0);
@@ -36,8 +40,7 @@ pub(super) fn fresnel_dielectric(cos_i: f32, eta: f32) -> (f32, f32) {
     let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
     let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
     // At grazing incidence with eta = 1 both are 0/0: nothing changes at such a boundary, nothing reflects.
-    let reflected = 0.5 * (parallel * parallel + perpendicular * perpendicular);
-    (if reflected.is_finite() { reflected } else { 0.0 }, cos_t)
+    (0.5 * (parallel * parallel + perpendicular * perpendicular), cos_t)
 }
 
 impl Glass {
