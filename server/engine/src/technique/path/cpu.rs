@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Counts, PathClasses, PathSettings, View};
+use super::{PathClasses, PathSettings, Tally, View};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -65,9 +65,9 @@ impl Tracer<'_> {
         x: u32,
         y: u32,
         sampler: &PixelSampler,
-        counts: &mut Counts,
+        tally: &mut impl Tally,
     ) -> PixelSample {
-        counts.paths += 1;
+        tally.path();
         let [dx, dy, ..] = sampler.four(0);
         let mut sample = PixelSample::BLACK;
         let mut path = Path {
@@ -79,13 +79,13 @@ impl Tracer<'_> {
             last: None,
             sampler,
         };
-        while self.advance(&mut path, &mut sample, counts) {}
+        while self.advance(&mut path, &mut sample, tally) {}
         sample
     }
 
     /// Follows the path to its next surface, collects light there and scatters. False when the path has ended.
-    fn advance(&self, path: &mut Path<'_>, sample: &mut PixelSample, counts: &mut Counts) -> bool {
-        counts.rays += 1;
+    fn advance(&self, path: &mut Path<'_>, sample: &mut PixelSample, tally: &mut impl Tally) -> bool {
+        tally.ray(&path.ray);
         let Some(hit) = self.world.closest_hit(&path.ray) else {
             self.add_environment(path, sample);
             return false;
@@ -103,7 +103,7 @@ impl Tracer<'_> {
         if self.is_complete(path) {
             return false;
         }
-        self.add_light_sample(path, &surface, sample, counts);
+        self.add_light_sample(path, &surface, sample, tally);
         self.scatter(path, &surface)
     }
 
@@ -153,7 +153,7 @@ impl Tracer<'_> {
         path: &Path<'_>,
         surface: &Surface,
         sample: &mut PixelSample,
-        counts: &mut Counts,
+        tally: &mut impl Tally,
     ) {
         if !surface.bsdf.has_density() {
             return;
@@ -176,7 +176,7 @@ impl Tracer<'_> {
             return;
         }
         let Some((radiance, shadow_ray)) = self.world.towards_light(&surface.point, &light) else { return };
-        counts.shadow_rays += 1;
+        tally.shadow_ray(&shadow_ray);
         if self.world.is_occluded(&shadow_ray) {
             return;
         }

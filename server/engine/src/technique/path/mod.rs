@@ -20,7 +20,13 @@ use rayon::prelude::*;
 pub use view::View;
 
 use super::{Bias, Card, Counts, Progress, Step, Technique};
-use crate::{film::Tile, math::sobol::PixelSampler, scene::SceneChange, transport::PathClass};
+use crate::{
+    accel::Ray,
+    film::{Film, PictureSize, Tile},
+    math::sobol::PixelSampler,
+    scene::SceneChange,
+    transport::{PathClass, World},
+};
 use cpu::Tracer;
 
 /// Which paths are traced.
@@ -70,7 +76,13 @@ impl Technique for PathTracer {
             .film
             .tiles_mut()
             .par_iter_mut()
-            .map(|tile| (!step.cancel.load(Ordering::Relaxed)).then(|| trace_tile(&tracer, tile, width)))
+            .map(|tile| {
+                let mut counts = Counts::default();
+                (!step.cancel.load(Ordering::Relaxed)).then(|| {
+                    trace_tile(&tracer, tile, width, &mut counts);
+                    counts
+                })
+            })
             .collect();
         Progress { complete: done.iter().all(Option::is_some), counts: done.into_iter().flatten().sum() }
     }
@@ -80,14 +92,70 @@ impl Technique for PathTracer {
     }
 }
 
+/// Who is told of the rays of a path.
+trait Tally {
+    fn path(&mut self);
+    fn ray(&mut self, ray: &Ray);
+    fn shadow_ray(&mut self, ray: &Ray);
+}
+
+impl Tally for Counts {
+    fn path(&mut self) {
+        self.paths += 1;
+    }
+
+    fn ray(&mut self, _ray: &Ray) {
+        self.rays += 1;
+    }
+
+    fn shadow_ray(&mut self, _ray: &Ray) {
+        self.shadow_rays += 1;
+    }
+}
+
+/// A question that path tracing asked of the trees.
+#[derive(Clone, Copy, Debug)]
+pub enum Query {
+    /// What is nearest?
+    Closest(Ray),
+    /// Is anything in the way?
+    Occluded(Ray),
+}
+
+impl Tally for Vec<Query> {
+    fn path(&mut self) {}
+
+    fn ray(&mut self, ray: &Ray) {
+        self.push(Query::Closest(*ray));
+    }
+
+    fn shadow_ray(&mut self, ray: &Ray) {
+        self.push(Query::Occluded(*ray));
+    }
+}
+
+/// The rays of one pass in the order they are traced, tile by tile, for measuring the bare ray rate.
+pub fn rays_of_a_pass(
+    world: &World,
+    view: &View,
+    size: PictureSize,
+    settings: PathSettings,
+) -> Vec<Vec<Query>> {
+    let tracer = Tracer { world, view, settings };
+    let record = |tile: &mut Tile| {
+        let mut queries = Vec::new();
+        trace_tile(&tracer, tile, size.width(), &mut queries);
+        queries
+    };
+    Film::new(size).tiles_mut().par_iter_mut().map(record).collect()
+}
+
 /// One sample for every pixel of the tile.
-fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32) -> Counts {
+fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
     // Even and odd passes draw from sequences of their own: the two halves of the film must be independent.
     let (sequence, index) = (tile.passes() & 1, tile.passes() >> 1);
-    let mut counts = Counts::default();
     tile.add_pass(|x, y| {
         let sampler = PixelSampler::new(tracer.settings.seed, sequence, y * width + x, index);
-        tracer.sample_pixel(x, y, &sampler, &mut counts)
+        tracer.sample_pixel(x, y, &sampler, tally)
     });
-    counts
 }
