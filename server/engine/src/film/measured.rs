@@ -1,14 +1,14 @@
 //! The error of a picture, measured without knowing the truth.
 
-use super::{Tile, error::trimmed_mean};
+use super::{PictureSize, error::trimmed_mean};
 
 /// Error of the picture shown, estimated from its two independent halves.
 ///
-/// The squared error of each pixel's mean is estimated without bias (`Pixel::squared_error_of_mean`) and
-/// weighted as in the contract, with the displayed value m in the place of the unknown reference:
-/// relMSE ≈ mean over pixels and channels of e² / (m² + 0.01·m̄²).
-/// It sees noise, not bias: right for unbiased techniques. Where a pixel is mostly noise its m is too large
-/// whenever its error is, so that above about 50 % error the figure is too small.
+/// The squared error of each pixel's mean is estimated without bias (`Pixel::squared_error_of_mean`) and weighted as
+/// in the contract: relMSE ≈ mean over pixels and channels of e² / (r² + 0.01·m̄²). The unknown reference r is
+/// estimated by the mean of the 5 × 5 pixels around, **without the pixel itself**: its own displayed value is large just
+/// when its error is, and would hide it (a Cornell box with glass at 59 samples: 2.2 % instead of 22.9 % relMSE; the
+/// neighbours say 23.7 %). It sees noise, not bias: right for unbiased techniques.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredError {
     /// Estimate of relMSE.
@@ -31,24 +31,19 @@ impl MeasuredError {
     }
 }
 
-/// `None` when a tile has fewer than two passes or all is black.
-pub(super) fn measure(tiles: &[Tile]) -> Option<MeasuredError> {
-    if tiles.iter().any(|tile| tile.passes() < 2) {
-        return None;
-    }
-    let pixel_count = tiles.iter().map(|tile| tile.pixels.len()).sum::<usize>();
-    let pixels = || tiles.iter().flat_map(|tile| tile.pixels.iter().map(|pixel| (pixel, tile.passes())));
-    let channel_sum = pixels().flat_map(|(pixel, passes)| pixel.total_mean(passes)).sum::<f64>();
-    let mean = channel_sum / (3 * pixel_count) as f64;
+/// Error of a picture of the given means, `[h × w × 3]`, and estimated squared errors, likewise; `None` when all is black.
+pub(super) fn measure(size: PictureSize, means: &[[f64; 3]], squared: &[[f64; 3]]) -> Option<MeasuredError> {
+    let mean = means.iter().flatten().sum::<f64>() / (3 * means.len()) as f64;
     if mean <= 0.0 {
         return None;
     }
     let floor = 0.01 * mean * mean;
-    let mut errors: Vec<f64> = pixels()
-        .map(|(pixel, passes)| {
-            let squared = pixel.squared_error_of_mean(passes);
-            let shown = pixel.total_mean(passes);
-            squared.iter().zip(shown).map(|(e, m)| e / (m * m + floor)).sum::<f64>() / 3.0
+    let around = means_around(size, means);
+    let mut errors: Vec<f64> = squared
+        .iter()
+        .zip(&around)
+        .map(|(squared, around)| {
+            squared.iter().zip(around).map(|(e, r)| e / (r * r + floor)).sum::<f64>() / 3.0
         })
         .collect();
     let (rel_mse, standard_error) = mean_and_standard_error(&errors);
@@ -57,6 +52,36 @@ pub(super) fn measure(tiles: &[Tile]) -> Option<MeasuredError> {
         interval_95: interval_95(rel_mse, standard_error),
         trimmed: trimmed_mean(&mut errors),
     })
+}
+
+/// Pixels to each side whose mean stands for a pixel's true value. Two: wide enough that a firefly's neighbours outvote
+/// it, narrow enough to follow edges (of 3, 5, 7 and 11 pixels side length, 5 came nearest on nine scenes).
+const REACH: usize = 2;
+
+/// For every pixel the mean of the pixels around it, itself left out; its own value where it is alone.
+fn means_around(size: PictureSize, means: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let (width, height) = (size.width() as usize, size.height() as usize);
+    let window = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
+    let sum = |values: &mut dyn Iterator<Item = [f64; 3]>| {
+        values.fold([0.0; 3], |sum, value| std::array::from_fn(|channel| sum[channel] + value[channel]))
+    };
+    let rows: Vec<[f64; 3]> = (0..means.len())
+        .map(|index| {
+            let (x, y) = (index % width, index / width);
+            sum(&mut window(x, width).map(|x| means[y * width + x]))
+        })
+        .collect();
+    (0..means.len())
+        .map(|index| {
+            let (x, y) = (index % width, index / width);
+            let total = sum(&mut window(y, height).map(|y| rows[y * width + x]));
+            let others = window(x, width).len() * window(y, height).len() - 1;
+            match others {
+                0 => means[index],
+                _ => std::array::from_fn(|c| ((total[c] - means[index][c]) / others as f64).max(0.0)),
+            }
+        })
+        .collect()
 }
 
 /// Mean, and its standard error from the spread over the pixels, whose samples are independent.

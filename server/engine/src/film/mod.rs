@@ -182,7 +182,12 @@ impl Film {
     /// The error of the picture shown now, measured from its two independent halves; `None` below two
     /// passes anywhere and for a picture that is black all over.
     pub fn measured_error(&self) -> Option<MeasuredError> {
-        measured::measure(&self.tiles)
+        if self.passes_min() < 2 {
+            return None;
+        }
+        let means = self.image([0.0; 3], |pixel, passes| pixel.total_mean(passes));
+        let squared = self.image([0.0; 3], |pixel, passes| pixel.squared_error_of_mean(passes));
+        measured::measure(self.size, &means, &squared)
     }
 
     /// One value per pixel, from tiles to rows; `empty` where no pass has run.
