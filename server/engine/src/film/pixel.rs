@@ -1,0 +1,155 @@
+//! One pixel: a sample on its way in, and the sums it adds to.
+
+use crate::math::Rgb;
+use crate::transport::PathClass;
+use glam::Vec3;
+
+/// One sample of one pixel: a path's radiance by class, and what its first hit looked like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelSample {
+    /// W/(m² sr) by path class, in the order of [`PathClass::ALL`].
+    pub radiance: [Rgb; PathClass::COUNT],
+    /// Share of light that the first hit reflects in total.
+    pub albedo: Rgb,
+    /// Shading normal of the first hit in the world: unit, or zero when nothing was hit.
+    pub normal: Vec3,
+    /// Distance of the first hit along the camera's axis, metres; 0 when nothing was hit.
+    pub depth_m: f32,
+}
+
+impl PixelSample {
+    /// A sample that hit nothing and saw no light.
+    pub const BLACK: PixelSample = PixelSample {
+        radiance: [Rgb::BLACK; PathClass::COUNT],
+        albedo: Rgb::BLACK,
+        normal: Vec3::ZERO,
+        depth_m: 0.0,
+    };
+
+    /// True when a film can take it: finite and not negative; and radiance so far below the largest float
+    /// that the sum over the classes is a float too.
+    pub fn is_sound(&self) -> bool {
+        let limit = f32::MAX / PathClass::COUNT as f32;
+        let radiance_is_sound =
+            |colour: &Rgb| colour.is_non_negative() && colour.to_array().iter().all(|value| *value <= limit);
+        self.radiance.iter().all(radiance_is_sound)
+            && self.albedo.is_finite()
+            && self.albedo.is_non_negative()
+            && self.normal.is_finite()
+            && self.depth_m.is_finite()
+            && self.depth_m >= 0.0
+    }
+
+    /// Radiance of all classes together.
+    pub fn total(&self) -> Rgb {
+        self.radiance.iter().fold(Rgb::BLACK, |sum, class| sum + *class)
+    }
+}
+
+/// Sums over the samples of one pixel. Why which precision: [`super::Film::BYTES_PER_PIXEL`].
+#[derive(Clone, Debug, Default)]
+pub(super) struct Pixel {
+    /// Σ radiance by class and channel.
+    radiance_sum: [[f64; 3]; PathClass::COUNT],
+    /// ΣA − ΣB by channel: the total radiance of even passes less that of odd passes.
+    half_difference: [f64; 3],
+    /// Σ (luminance − mean)², running [Welford1962].
+    squared_deviation_sum: f64,
+    pub(super) albedo_sum: Rgb,
+    pub(super) normal_sum: Vec3,
+    depth_sum_m: f32,
+    hit_count: u32,
+}
+
+impl Pixel {
+    /// Takes in the sample of pass `pass_index`, which must be the number of samples taken in before.
+    pub(super) fn add(&mut self, sample: &PixelSample, pass_index: u32) {
+        let luminance_sum_before = luminance(self.total_sum());
+        // Even passes are half A, odd ones half B.
+        let sign = if pass_index & 1 == 0 { 1.0 } else { -1.0 };
+        for (sums, radiance) in self.radiance_sum.iter_mut().zip(&sample.radiance) {
+            for (channel_index, value) in radiance.to_array().into_iter().enumerate() {
+                sums[channel_index] += f64::from(value);
+                self.half_difference[channel_index] += sign * f64::from(value);
+            }
+        }
+        self.add_deviation(luminance_sum_before, pass_index);
+        self.albedo_sum += sample.albedo;
+        if sample.depth_m > 0.0 {
+            self.normal_sum += sample.normal;
+            self.depth_sum_m += sample.depth_m;
+            self.hit_count += 1;
+        }
+    }
+
+    /// Welford's step with the means taken from the sums, so that they need no place of their own:
+    /// with n samples before, M₂ grows by (x − mean_n)(x − mean_{n+1}).
+    fn add_deviation(&mut self, luminance_sum_before: f64, count_before: u32) {
+        if count_before == 0 {
+            return;
+        }
+        let luminance_sum = luminance(self.total_sum());
+        let value = luminance_sum - luminance_sum_before;
+        let mean_before = luminance_sum_before / f64::from(count_before);
+        let mean_after = luminance_sum / (f64::from(count_before) + 1.0);
+        // Exactly, the product cannot be negative; by rounding it can.
+        self.squared_deviation_sum += ((value - mean_before) * (value - mean_after)).max(0.0);
+    }
+
+    fn total_sum(&self) -> [f64; 3] {
+        let mut total = [0.0; 3];
+        for class in &self.radiance_sum {
+            for (sum, value) in total.iter_mut().zip(class) {
+                *sum += value;
+            }
+        }
+        total
+    }
+
+    /// Mean radiance over all classes.
+    pub(super) fn total_mean(&self, passes: u32) -> [f64; 3] {
+        self.total_sum().map(|sum| sum / f64::from(passes))
+    }
+
+    /// Mean radiance of one class.
+    pub(super) fn class_mean(&self, class: PathClass, passes: u32) -> [f64; 3] {
+        self.radiance_sum[class as usize].map(|sum| sum / f64::from(passes))
+    }
+
+    /// Mean depth of the samples that hit; 0 without any.
+    pub(super) fn depth_mean_m(&self) -> f32 {
+        if self.hit_count == 0 { 0.0 } else { self.depth_sum_m / self.hit_count as f32 }
+    }
+
+    /// Variance of the mean luminance; 0 below two passes.
+    pub(super) fn variance_of_mean(&self, passes: u32) -> f64 {
+        let n = f64::from(passes);
+        if passes < 2 { 0.0 } else { self.squared_deviation_sum / (n - 1.0) / n }
+    }
+
+    /// Unbiased estimate, per channel, of the squared error of the mean of n = `passes` ≥ 2 passes.
+    ///
+    /// Halves A and B hold a = ⌈n/2⌉ and b = ⌊n/2⌋ passes, are independent and have one expectation μ.
+    /// The mean shown is M = (a·Ā + b·B̄)/n, so Var M = (a² Var Ā + b² Var B̄)/n².
+    /// - n even, a = b: Var M = (Var Ā + Var B̄)/4 = E[((Ā−B̄)/2)²], whatever the spread within a half is
+    ///   (stratified passes included).
+    /// - n odd: with Var Ā = σ²/a and Var B̄ = σ²/b, Var M = σ²/n and E[(Ā−B̄)²] = σ²·n/(a·b), hence
+    ///   Var M = (a·b/n²)·E[(Ā−B̄)²]; for a = b this is the line above.
+    pub(super) fn squared_error_of_mean(&self, passes: u32) -> [f64; 3] {
+        let n = f64::from(passes);
+        let b = f64::from(passes / 2);
+        let a = n - b;
+        let total = self.total_sum();
+        std::array::from_fn(|channel_index| {
+            let (sum, difference) = (total[channel_index], self.half_difference[channel_index]);
+            let mean_a = (sum + difference) / 2.0 / a;
+            let mean_b = (sum - difference) / 2.0 / b;
+            a * b / (n * n) * (mean_a - mean_b).powi(2)
+        })
+    }
+}
+
+/// Rec.709 luminance in double precision.
+fn luminance([r, g, b]: [f64; 3]) -> f64 {
+    0.2126 * r + 0.7152 * g + 0.0722 * b
+}
