@@ -1,1 +1,107 @@
-//! technique.
+//! Techniques: ways to compute light, behind one interface.
+//!
+//! A technique adds its path classes to a film, one bounded step at a time, and is told of every change of the scene.
+//! Siblings never import each other. The `path` technique is the reference and the last stage of convergence.
+
+pub mod path;
+
+use std::{
+    iter::Sum,
+    ops::{Add, AddAssign},
+    sync::atomic::AtomicBool,
+};
+
+use crate::{
+    film::Film,
+    scene::SceneChange,
+    transport::{PathClass, World},
+};
+
+/// How an estimate relates to the truth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bias {
+    /// Right on average at every sample count.
+    Unbiased,
+    /// Right in the limit.
+    Consistent,
+    /// Keeps an error that no sampling removes.
+    Biased,
+}
+
+/// What a technique says of itself.
+#[derive(Clone, Copy, Debug)]
+pub struct Card {
+    /// Name in command lines, messages and statistics.
+    pub name: &'static str,
+    /// Path classes it estimates.
+    pub classes: &'static [PathClass],
+    /// Relation to the truth.
+    pub bias: Bias,
+}
+
+/// Work done, for statistics.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Rays that looked for the nearest surface.
+    pub rays: u64,
+    /// Rays that asked whether a light is hidden.
+    pub shadow_rays: u64,
+    /// Paths begun at the eye.
+    pub paths: u64,
+}
+
+impl Add for Counts {
+    type Output = Counts;
+    fn add(self, o: Counts) -> Counts {
+        Counts {
+            rays: self.rays + o.rays,
+            shadow_rays: self.shadow_rays + o.shadow_rays,
+            paths: self.paths + o.paths,
+        }
+    }
+}
+
+impl AddAssign for Counts {
+    fn add_assign(&mut self, o: Counts) {
+        *self = *self + o;
+    }
+}
+
+impl Sum for Counts {
+    fn sum<I: Iterator<Item = Counts>>(counts: I) -> Counts {
+        counts.fold(Counts::default(), Add::add)
+    }
+}
+
+/// What one step may use.
+pub struct Step<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// The camera.
+    pub view: &'a path::View,
+    /// The film to add to.
+    pub film: &'a mut Film,
+    /// Turns true when the answer is no longer wanted; checked between tiles.
+    pub cancel: &'a AtomicBool,
+}
+
+/// What one step achieved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Progress {
+    /// Work done.
+    pub counts: Counts,
+    /// Every tile got its sample; false after a cancel.
+    pub complete: bool,
+}
+
+/// One way to compute light.
+pub trait Technique: Send {
+    /// What it is.
+    fn card(&self) -> &'static Card;
+
+    /// Does one bounded piece of work: for techniques that sample the picture, one sample for every pixel.
+    fn step(&mut self, step: &mut Step<'_>) -> Progress;
+
+    /// Withdraws exactly what the change made stale.
+    fn apply(&mut self, change: &SceneChange);
+}

@@ -1,0 +1,161 @@
+//! The path tracer: every path class, from the eye, with light sampling and multiple importance sampling.
+//!
+//! Unbiased for every class it is asked for [Kajiya1986; Veach1997, 10]. Each lobe of a surface is sampled on its own,
+//! and light samples are weighed lobe by lobe with the power heuristic (β = 2), so every contribution
+//! knows its exact [`PathClass`]. Numbers come from Owen-scrambled Sobol points by (seed, pass, pixel, dimension).
+//! Paths end by Russian roulette once their throughput is small; nothing is clamped.
+//!
+//! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
+//! for any eye path), as in every path tracer; the caustics room will.
+
+mod cpu;
+#[cfg(test)]
+mod tests;
+mod view;
+
+use std::sync::atomic::Ordering;
+
+use rayon::prelude::*;
+
+pub use view::View;
+
+use super::{Bias, Card, Counts, Progress, Step, Technique};
+use crate::{
+    accel::Ray,
+    film::{Film, PictureSize, Tile},
+    math::sobol::PixelSampler,
+    scene::SceneChange,
+    transport::{PathClass, World},
+};
+use cpu::Tracer;
+
+/// Which paths are traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathClasses {
+    /// All of them.
+    All,
+    /// Light seen directly and light that falls on the first diffuse surface straight from its source.
+    EmittedAndDirect,
+}
+
+/// Parameters of the path tracer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PathSettings {
+    /// Paths to trace.
+    pub classes: PathClasses,
+    /// Most scatterings of a path; 1 = light by one scattering only. `None`: Russian roulette alone ends paths.
+    pub bounces_max: Option<u32>,
+    /// Names the random numbers.
+    pub seed: u64,
+}
+
+/// Path tracing on the CPU, on the rayon pool it is called in. Keeps nothing between steps but the film.
+#[derive(Debug)]
+pub struct PathTracer {
+    settings: PathSettings,
+}
+
+static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::Unbiased };
+
+impl PathTracer {
+    /// A path tracer.
+    pub fn new(settings: PathSettings) -> PathTracer {
+        PathTracer { settings }
+    }
+}
+
+impl Technique for PathTracer {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        let tracer = Tracer { world: step.world, view: step.view, settings: self.settings };
+        let width = step.film.size().width();
+        let done: Vec<Option<Counts>> = step
+            .film
+            .tiles_mut()
+            .par_iter_mut()
+            .map(|tile| {
+                let mut counts = Counts::default();
+                (!step.cancel.load(Ordering::Relaxed)).then(|| {
+                    trace_tile(&tracer, tile, width, &mut counts);
+                    counts
+                })
+            })
+            .collect();
+        Progress { complete: done.iter().all(Option::is_some), counts: done.into_iter().flatten().sum() }
+    }
+
+    fn apply(&mut self, _change: &SceneChange) {
+        // Nothing is kept of the scene between steps.
+    }
+}
+
+/// Who is told of the rays of a path.
+trait Tally {
+    fn path(&mut self);
+    fn ray(&mut self, ray: &Ray);
+    fn shadow_ray(&mut self, ray: &Ray);
+}
+
+impl Tally for Counts {
+    fn path(&mut self) {
+        self.paths += 1;
+    }
+
+    fn ray(&mut self, _ray: &Ray) {
+        self.rays += 1;
+    }
+
+    fn shadow_ray(&mut self, _ray: &Ray) {
+        self.shadow_rays += 1;
+    }
+}
+
+/// A question that path tracing asked of the trees.
+#[derive(Clone, Copy, Debug)]
+pub enum Query {
+    /// What is nearest?
+    Closest(Ray),
+    /// Is anything in the way?
+    Occluded(Ray),
+}
+
+impl Tally for Vec<Query> {
+    fn path(&mut self) {}
+
+    fn ray(&mut self, ray: &Ray) {
+        self.push(Query::Closest(*ray));
+    }
+
+    fn shadow_ray(&mut self, ray: &Ray) {
+        self.push(Query::Occluded(*ray));
+    }
+}
+
+/// The rays of one pass in the order they are traced, tile by tile, for measuring the bare ray rate.
+pub fn rays_of_a_pass(
+    world: &World,
+    view: &View,
+    size: PictureSize,
+    settings: PathSettings,
+) -> Vec<Vec<Query>> {
+    let tracer = Tracer { world, view, settings };
+    let record = |tile: &mut Tile| {
+        let mut queries = Vec::new();
+        trace_tile(&tracer, tile, size.width(), &mut queries);
+        queries
+    };
+    Film::new(size).tiles_mut().par_iter_mut().map(record).collect()
+}
+
+/// One sample for every pixel of the tile.
+fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
+    // Even and odd passes draw from sequences of their own: the two halves of the film must be independent.
+    let (sequence, index) = (tile.passes() & 1, tile.passes() >> 1);
+    tile.add_pass(|x, y| {
+        let sampler = PixelSampler::new(tracer.settings.seed, sequence, y * width + x, index);
+        tracer.sample_pixel(x, y, &sampler, tally)
+    });
+}

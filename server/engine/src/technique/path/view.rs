@@ -1,0 +1,66 @@
+//! Camera rays.
+
+use glam::{DVec3, Vec3};
+
+use crate::{
+    accel::Ray,
+    film::PictureSize,
+    scene::{CameraView, Projection},
+    transport::World,
+};
+
+/// A camera with a picture size, in render space.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    origin: Vec3,
+    right: Vec3,
+    up: Vec3,
+    back: Vec3,
+    /// Half the picture's width and height: at distance 1 (perspective) or in metres (orthographic).
+    half_size: [f32; 2],
+    is_perspective: bool,
+    size: PictureSize,
+}
+
+impl View {
+    /// The camera as `world` sees it. The vertical field of view is kept, the width follows from the picture's aspect.
+    pub fn new(world: &World, view: &CameraView, size: PictureSize) -> View {
+        let axes = view.world_from_camera.matrix3;
+        // Cameras may hang below scaled nodes: only the axes' directions count.
+        let back = axes.z_axis.normalize_or(DVec3::Z);
+        let up = (axes.y_axis - back * back.dot(axes.y_axis)).normalize_or(back.any_orthonormal_vector());
+        let right = up.cross(back);
+        // A mirroring transform keeps its mirrored right.
+        let right = if right.dot(axes.x_axis) < 0.0 { -right } else { right };
+        let (half_height, is_perspective) = match view.projection {
+            Projection::Perspective { yfov_rad } => ((yfov_rad * 0.5).tan(), true),
+            Projection::Orthographic { half_height_m } => (half_height_m, false),
+        };
+        View {
+            origin: world.accel().to_render(view.world_from_camera.translation),
+            right: right.as_vec3(),
+            up: up.as_vec3(),
+            back: back.as_vec3(),
+            half_size: [(half_height * size.aspect()) as f32, half_height as f32],
+            is_perspective,
+            size,
+        }
+    }
+
+    /// The ray through the point (`x`, `y`) of the picture, in pixels from the top left corner.
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        let across = (2.0 * x / self.size.width() as f32 - 1.0) * self.half_size[0];
+        let upwards = (1.0 - 2.0 * y / self.size.height() as f32) * self.half_size[1];
+        let offset = self.right * across + self.up * upwards;
+        if self.is_perspective {
+            Ray::new(self.origin, (offset - self.back).normalize())
+        } else {
+            Ray::new(self.origin + offset, -self.back)
+        }
+    }
+
+    /// Distance of a point of render space along the camera's axis, metres.
+    pub fn depth_m(&self, p: Vec3) -> f32 {
+        (self.origin - p).dot(self.back)
+    }
+}
