@@ -124,6 +124,11 @@ impl Film {
         self.tiles.iter().map(Tile::passes).min().unwrap_or(0)
     }
 
+    /// Passes that the pixel with the most has: more than [`Film::passes_min`] after a pass that was cancelled.
+    pub fn passes_max(&self) -> u32 {
+        self.tiles.iter().map(Tile::passes).max().unwrap_or(0)
+    }
+
     /// Samples of all pixels together.
     pub fn sample_count(&self) -> u64 {
         self.tiles.iter().map(|tile| u64::from(tile.passes()) * tile.pixels.len() as u64).sum()

@@ -72,10 +72,14 @@ impl Technique for PathTracer {
     fn step(&mut self, step: &mut Step<'_>) -> Progress {
         let tracer = Tracer { world: step.world, view: step.view, settings: self.settings };
         let width = step.film.size().width();
+        // After a cancelled step the tiles it did not reach come first: steps that are all cut short still make progress
+        // over the whole picture, and together they are the same pass.
+        let [least, most] = [step.film.passes_min(), step.film.passes_max()];
         let done: Vec<Option<Counts>> = step
             .film
             .tiles_mut()
             .par_iter_mut()
+            .filter(|tile| least == most || tile.passes() < most)
             .map(|tile| {
                 let mut counts = Counts::default();
                 (!step.cancel.load(Ordering::Relaxed)).then(|| {
