@@ -3,6 +3,7 @@
 //! Four layers, later ones win: defaults < `--config FILE.toml` < environment `LUMICAST_KEY` < flags (`--listen` and its
 //! like, or `--set key=value` for any key). `deploy/lumicast.toml` is this list as a file; a test keeps them equal.
 
+use crate::assets::AssetLimits;
 use lumicast_engine::scene::SceneLimits;
 use lumicast_protocol::Limits;
 use serde::{Deserialize, Serialize};
@@ -268,6 +269,11 @@ impl Config {
             cameras_max: count(self.scene_objects),
             ..SceneLimits::default()
         }
+    }
+
+    /// What files are checked against.
+    pub fn asset_limits(&self) -> AssetLimits {
+        AssetLimits { scene: self.scene_limits(), ..AssetLimits::default() }
     }
 
     /// Threads to render with.
