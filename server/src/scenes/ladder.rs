@@ -14,11 +14,11 @@ const FIRST_GUESS: f64 = 250_000.0;
 const NEWEST_SHARE: f64 = 0.4;
 
 /// Width and height in pixels.
-pub type Size = [u16; 2];
+pub(super) type Size = [u16; 2];
 
 /// The running speed of a scene's pictures, and what follows from it.
 #[derive(Debug, Clone, Copy)]
-pub struct Speed {
+pub(super) struct Speed {
     samples_per_second: f64,
 }
 
@@ -30,7 +30,7 @@ impl Default for Speed {
 
 impl Speed {
     /// Takes in a pass. One of under a millisecond says more about the clock than about speed.
-    pub fn measure(&mut self, samples: u64, seconds: f64) {
+    pub(super) fn measure(&mut self, samples: u64, seconds: f64) {
         if samples > 0 && seconds > 1e-3 {
             let newest = samples as f64 / seconds;
             self.samples_per_second += NEWEST_SHARE * (newest - self.samples_per_second);
@@ -38,33 +38,33 @@ impl Speed {
     }
 
     /// Pixel samples a second.
-    pub fn samples_per_second(&self) -> f64 {
+    pub(super) fn samples_per_second(&self) -> f64 {
         self.samples_per_second
     }
 
     /// How long one pass of a picture takes.
-    pub fn pass_seconds(&self, size: Size) -> f64 {
+    pub(super) fn pass_seconds(&self, size: Size) -> f64 {
         f64::from(size[0]) * f64::from(size[1]) / self.samples_per_second
     }
 
     /// The divisor for a picture that must be there within `budget_seconds`.
-    pub fn divisor_within(&self, full: Size, budget_seconds: f64) -> u32 {
+    pub(super) fn divisor_within(&self, full: Size, budget_seconds: f64) -> u32 {
         rungs(1).find(|divisor| self.pass_seconds(scaled(full, *divisor)) <= budget_seconds).unwrap_or(DIVISOR_MAX)
     }
 
     /// The next divisor on the way to full size.
-    pub fn divisor_above(&self, full: Size, divisor: u32) -> u32 {
+    pub(super) fn divisor_above(&self, full: Size, divisor: u32) -> u32 {
         if self.pass_seconds(full) <= LEAP_SECONDS { 1 } else { (divisor / 2).max(1) }
     }
 }
 
 /// Divisors from `first` on, coarser and coarser.
-pub fn rungs(first: u32) -> impl Iterator<Item = u32> {
+pub(super) fn rungs(first: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(first), |divisor| Some(divisor * 2)).take_while(|divisor| *divisor <= DIVISOR_MAX)
 }
 
 /// The asked size divided, rounded up, at least one pixel.
-pub fn scaled(full: Size, divisor: u32) -> Size {
+pub(super) fn scaled(full: Size, divisor: u32) -> Size {
     // A quotient of a u16 is a u16.
     full.map(|side| u32::from(side).div_ceil(divisor).max(1) as u16)
 }

@@ -504,12 +504,12 @@ impl Painter {
         film.measured = rendering.film().measured_error();
         let converged = film.has_converged(layer, wish, self.scene.workshop.config.samples_max);
         let codec = frames::codec(wish.quality.codec, converged);
-        let packer = &mut film.packer;
+        let (packer, picture) = (&mut film.packer, rendering.film());
         let packed = self
             .scene
             .workshop
             .drawing_pool
-            .install(|| packer.pack(rendering.film(), &wish.quality, codec));
+            .install(|| packer.pack(picture, &wish.quality, codec));
         let payload = match packed {
             Ok(payload) => payload,
             Err(error) => {

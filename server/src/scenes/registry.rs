@@ -19,7 +19,7 @@ use std::thread::JoinHandle;
 use tokio::sync::{broadcast, watch};
 
 /// The name of the scene that is built in.
-pub const BUILTIN: &str = "cornell-box";
+pub(super) const BUILTIN: &str = "cornell-box";
 
 /// Why a scene could not be made or restored.
 #[derive(Debug, thiserror::Error)]

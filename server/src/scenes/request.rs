@@ -215,7 +215,7 @@ impl Drawing {
                     error_ci: measured.map(|measured| measured.error_interval_95()),
                     seconds: Some(seconds),
                 };
-                images::encode_exr(film, ExrLayers::Beauty, &facts)
+                images::encode_exr(film, ExrLayers::Plain, &facts)
             }
         };
         let revision = job.snapshot.revision;

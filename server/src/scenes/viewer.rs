@@ -5,7 +5,7 @@
 
 use lumicast_engine::render::Indirect;
 use lumicast_protocol::{
-    Accuracy, CameraRequest, ConvergencePoint, FrameHeader, Quality, Stats, Technique, View,
+    Accuracy, CameraRequest, ConvergencePoint, FrameHeader, Quality, Stats, Technique,
 };
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard};
@@ -247,14 +247,6 @@ impl Viewer {
             });
         }
         state.curve.push(point);
-    }
-
-    /// The id of the scene's camera it watches through, if it does.
-    pub(super) fn camera_of(wish: &Wish) -> Option<&str> {
-        match &wish.camera.view {
-            View::Camera(id) => Some(id.as_str()),
-            View::Pose(_) => None,
-        }
     }
 }
 
