@@ -15,20 +15,20 @@ use obvhs::{
 struct Node {
     min: [Vec4; 3],
     max: [Vec4; 3],
-    /// Inner: index of the node. Leaf: index of its first item. Unused: any.
+    /// Index of a node, or `LEAF` and the index of an item.
     child: [u32; 4],
-    /// 0 for an inner child, the number of items of a leaf, `UNUSED` where there is no child.
-    count: [u32; 4],
+    /// Bit k: there is a child k.
+    used: u32,
 }
 
-const UNUSED: u32 = u32::MAX;
+/// Marks a child that is an item rather than a node.
+const LEAF: u32 = 1 << 31;
 
 /// A node or leaf on the way, with the distance at which the ray enters it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Entry {
     t_near: f32,
     child: u32,
-    count: u32,
 }
 
 /// Room for `need` entries, for trees deeper than the usual stack.
@@ -52,23 +52,24 @@ impl Boundable for Bounds {
 }
 
 impl Bvh {
-    /// Builds a tree over `bounds` with at most `leaf_max` items a leaf. Also returns the order of items:
-    /// leaf ranges are runs of it.
-    pub(super) fn build(bounds: &[Aabb], leaf_max: u32) -> (Bvh, Vec<u32>) {
+    /// Builds a tree over `bounds` whose leaves hold at most `leaf_max` of them each: `make_item(members)` turns the
+    /// members of a leaf, by index into `bounds`, into the one item that the leaf stands for.
+    pub(super) fn build(bounds: &[Aabb], leaf_max: u32, mut make_item: impl FnMut(&[u32]) -> u32) -> Bvh {
+        let mut bvh = Bvh { nodes: Vec::new(), depth: 0 };
         if bounds.is_empty() {
-            return (Bvh { nodes: Vec::new(), depth: 0 }, Vec::new());
+            return bvh;
         }
         // obvhs's medium preset costs about Embree's build time; leaves no larger than one triangle packet.
         let params = BvhBuildParams { max_prims_per_leaf: leaf_max, ..BvhBuildParams::medium_build() };
         let items: Vec<Bounds> = bounds.iter().map(|bounds| Bounds(*bounds)).collect();
         let binary = build_bvh2(&items, params, &mut Duration::default());
-        let mut bvh = Bvh { nodes: Vec::with_capacity(binary.nodes.len() / 2), depth: 0 };
-        bvh.collapse(&binary);
-        (bvh, binary.primitive_indices)
+        bvh.nodes.reserve(binary.nodes.len() / 2);
+        bvh.collapse(&binary, &mut make_item);
+        bvh
     }
 
     /// Turns the binary tree into nodes of four: the child with the largest area is opened until four are there.
-    fn collapse(&mut self, binary: &Bvh2) {
+    fn collapse(&mut self, binary: &Bvh2, make_item: &mut impl FnMut(&[u32]) -> u32) {
         self.nodes.push(Node::EMPTY);
         let mut pending = vec![(0usize, 0usize, 1usize)];
         while let Some((node_index, binary_index, depth)) = pending.pop() {
@@ -89,26 +90,15 @@ impl Bvh {
             }
             for (slot, child) in children.into_iter().enumerate() {
                 let source = &binary.nodes[child];
-                let (leads_to, count) = if source.is_leaf() {
-                    (source.first_index, source.prim_count)
+                let leads_to = if source.is_leaf() {
+                    let first = source.first_index as usize;
+                    LEAF | make_item(&binary.primitive_indices[first..first + source.prim_count as usize])
                 } else {
                     self.nodes.push(Node::EMPTY);
                     pending.push((self.nodes.len() - 1, child, depth + 1));
-                    (self.nodes.len() as u32 - 1, 0)
+                    self.nodes.len() as u32 - 1
                 };
-                self.nodes[node_index].set(slot, source.aabb(), leads_to, count);
-            }
-        }
-    }
-
-    /// Gives every leaf one item of its own: `make(first, count)` names it.
-    pub(super) fn replace_leaves(&mut self, mut make: impl FnMut(u32, u32) -> u32) {
-        for node in &mut self.nodes {
-            for slot in 0..4 {
-                if node.count[slot] != 0 && node.count[slot] != UNUSED {
-                    node.child[slot] = make(node.child[slot], node.count[slot]);
-                    node.count[slot] = 1;
-                }
+                self.nodes[node_index].set(slot, source.aabb(), leads_to);
             }
         }
     }
@@ -135,18 +125,17 @@ impl Bvh {
         if self.nodes.is_empty() {
             return false;
         }
-        let mut current = Entry { t_near: 0.0, child: 0, count: 0 };
+        let mut current = Entry::default();
         let mut height = 0;
         loop {
-            if current.count == 0 {
+            if current.child & LEAF == 0 {
                 let node = &self.nodes[current.child as usize];
                 let (mut entered, t_near) = node.enter(ray, *t_max);
                 let bottom = height;
                 while entered != 0 {
                     let slot = entered.trailing_zeros() as usize;
                     entered &= entered - 1;
-                    let entry =
-                        Entry { t_near: t_near[slot], child: node.child[slot], count: node.count[slot] };
+                    let entry = Entry { t_near: t_near[slot], child: node.child[slot] };
                     // Insertion keeps the nearest child on top of the stack.
                     let mut at = height;
                     while at > bottom && stack[at - 1].t_near < entry.t_near {
@@ -156,12 +145,8 @@ impl Bvh {
                     stack[at] = entry;
                     height += 1;
                 }
-            } else {
-                for item in current.child..current.child + current.count {
-                    if visit(item, t_max, &mut stack[height..]) {
-                        return true;
-                    }
-                }
+            } else if visit(current.child & !LEAF, t_max, &mut stack[height..]) {
+                return true;
             }
             loop {
                 if height == 0 {
@@ -190,7 +175,7 @@ impl SlabRay {
         // crosses no slab of it within any distance f32 holds.
         let reciprocal = |d: f32| if d.abs() > 1e-30 { 1.0 / d } else { 1e30f32.copysign(d) };
         SlabRay {
-            origin: [Vec4::splat(origin.x), Vec4::splat(origin.y), Vec4::splat(origin.z)],
+            origin: origin.to_array().map(Vec4::splat),
             inverse: [
                 Vec4::splat(reciprocal(direction.x)),
                 Vec4::splat(reciprocal(direction.y)),
@@ -198,19 +183,23 @@ impl SlabRay {
             ],
         }
     }
+
+    /// The same direction from another origin.
+    pub(super) fn from(&self, origin: Vec3) -> SlabRay {
+        SlabRay { origin: origin.to_array().map(Vec4::splat), ..*self }
+    }
 }
 
 impl Node {
-    const EMPTY: Node =
-        Node { min: [Vec4::INFINITY; 3], max: [Vec4::NEG_INFINITY; 3], child: [0; 4], count: [UNUSED; 4] };
+    const EMPTY: Node = Node { min: [Vec4::ZERO; 3], max: [Vec4::ZERO; 3], child: [0; 4], used: 0 };
 
-    fn set(&mut self, slot: usize, bounds: &Aabb, child: u32, count: u32) {
+    fn set(&mut self, slot: usize, bounds: &Aabb, child: u32) {
         for axis in 0..3 {
             self.min[axis][slot] = bounds.min[axis];
             self.max[axis][slot] = bounds.max[axis];
         }
         self.child[slot] = child;
-        self.count[slot] = count;
+        self.used |= 1 << slot;
     }
 
     /// Bit mask of the children that the ray enters before `t_max`, and where it enters each.
@@ -224,10 +213,8 @@ impl Node {
             near = near.max(t0.min(t1));
             far = far.min(t0.max(t1));
         }
-        // Rounding must never lose a box: 1 + 2γ₃ widens the far side enough [Ize2013]. An unused slot has
-        // min > max; its t0, t1 are ±∞ in both orders, so it is told by its count instead.
+        // Rounding must never lose a box: 1 + 2γ₃ widens the far side enough [Ize2013].
         let entered = near.cmple((far * (1.0 + 8e-7)).min(Vec4::splat(t_max))).bitmask();
-        let used = (0..4).fold(0, |mask, slot| mask | u32::from(self.count[slot] != UNUSED) << slot);
-        (entered & used, near)
+        (entered & self.used, near)
     }
 }

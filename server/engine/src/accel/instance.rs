@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{DAffine3, DVec3, Mat3, Vec3, Vec3A};
+use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
 use super::{Hit, Ray};
@@ -27,6 +27,10 @@ pub struct Instance {
     normal_from_mesh: Mat3,
     bounds: Aabb,
     handedness: f32,
+    /// The mesh is moved, but neither turned nor scaled: directions stay as they are.
+    is_only_moved: bool,
+    /// Absolute values of `render_from_mesh`, for error bounds.
+    absolute: Mat3,
 }
 
 /// A point on a surface, with what rays need to leave it.
@@ -70,6 +74,8 @@ impl Instance {
             centre_in_render: centre.as_vec3(),
             normal_from_mesh: normal_from_mesh.as_mat3(),
             bounds: Aabb { min: min - Vec3A::splat(slack), max: max + Vec3A::splat(slack) },
+            is_only_moved: linear == DMat3::IDENTITY,
+            absolute: Mat3::from_cols_array(&linear.as_mat3().to_cols_array().map(f32::abs)),
             handedness: if linear.determinant() < 0.0 { -1.0 } else { 1.0 },
         }
     }
@@ -93,10 +99,23 @@ impl Instance {
         self.bounds
     }
 
-    /// Origin and direction in mesh space, relative to the mesh's centre; `t` keeps its meaning.
+    /// Directions of rays are the same in mesh space as in render space.
     #[inline]
-    pub(super) fn ray_in_mesh(&self, ray: &Ray) -> (Vec3, Vec3) {
-        (self.mesh_from_render * (ray.origin - self.centre_in_render), self.mesh_from_render * ray.direction)
+    pub(super) fn is_only_moved(&self) -> bool {
+        self.is_only_moved
+    }
+
+    /// The ray's origin in mesh space, relative to the mesh's centre.
+    #[inline]
+    pub(super) fn origin_in_mesh(&self, ray: &Ray) -> Vec3 {
+        let from_centre = ray.origin - self.centre_in_render;
+        if self.is_only_moved { from_centre } else { self.mesh_from_render * from_centre }
+    }
+
+    /// The ray's direction in mesh space; `t` keeps its meaning.
+    #[inline]
+    pub(super) fn direction_in_mesh(&self, ray: &Ray) -> Vec3 {
+        self.mesh_from_render * ray.direction
     }
 
     /// −1 when the transform mirrors, 1 otherwise.
@@ -126,20 +145,13 @@ impl Instance {
         let b0 = 1.0 - b1 - b2;
         let p_in_mesh = v0 * b0 + v1 * b1 + v2 * b2;
         let position = self.render_from_mesh * p_in_mesh + self.centre_in_render;
-        // Double precision: slivers lose all digits of a single-precision cross product.
-        let edge = |v: Vec3| v.as_dvec3() - v0.as_dvec3();
-        let n_in_mesh = edge(v1).cross(edge(v2)).normalize_or(DVec3::Z).as_vec3();
+        let n_in_mesh = triangle_normal(v0, v1, v2);
         let n_geo = (self.normal_from_mesh * n_in_mesh).normalize_or(Vec3::Z);
         // Weighted vertices: 7 roundings on |v|; the transform: 4 more on |M||p| and |centre|; and the ray that
         // will start here goes through the inverse transform, which costs as much again [Pharr2016, 3.9.4].
         let reach = v0.abs() * b0.abs() + v1.abs() * b1.abs() + v2.abs() * b2.abs();
         let extent = v0.abs().max(v1.abs()).max(v2.abs());
-        let absolute = Mat3::from_cols(
-            self.render_from_mesh.x_axis.abs(),
-            self.render_from_mesh.y_axis.abs(),
-            self.render_from_mesh.z_axis.abs(),
-        );
-        let bound = absolute * (reach * gamma(11.0) + extent * gamma(8.0))
+        let bound = self.absolute * (reach * gamma(11.0) + extent * gamma(8.0))
             + (self.centre_in_render.abs() + position.abs()) * gamma(4.0);
         SurfacePoint { position, n_geo, error_m: bound.dot(n_geo.abs()) }
     }
@@ -148,6 +160,20 @@ impl Instance {
     pub fn point_of(&self, hit: &Hit) -> SurfacePoint {
         self.surface_point(hit.triangle, hit.b1, hit.b2)
     }
+}
+
+/// Unit normal of a triangle.
+fn triangle_normal(v0: Vec3, v1: Vec3, v2: Vec3) -> Vec3 {
+    let (e1, e2) = (v1 - v0, v2 - v0);
+    let n = e1.cross(e2);
+    let area2 = n.length_squared();
+    // Unless the triangle is a sliver (sine below a hundredth) or its squares leave f32's range, the cross product
+    // keeps five digits. Slivers are done again in double precision.
+    if area2 > 1e-4 * e1.length_squared() * e2.length_squared() && area2 > 1e-30 && area2 < 1e30 {
+        return n * (1.0 / area2.sqrt());
+    }
+    let edge = |v: Vec3| v.as_dvec3() - v0.as_dvec3();
+    edge(v1).cross(edge(v2)).normalize_or(DVec3::Z).as_vec3()
 }
 
 impl SurfacePoint {

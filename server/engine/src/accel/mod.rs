@@ -50,7 +50,6 @@ pub struct Accel {
     instances: Vec<Instance>,
     trees: Vec<Arc<BottomTree>>,
     top: Bvh,
-    top_items: Vec<u32>,
     stack_need: usize,
     report: AccelReport,
 }
@@ -102,12 +101,12 @@ impl Accel {
         let trees: Vec<Arc<BottomTree>> =
             instances.iter().map(|instance| bottoms[instance.mesh_id()].1.clone()).collect();
         let bounds: Vec<obvhs::aabb::Aabb> = instances.iter().map(Instance::bounds_in_render).collect();
-        let (top, top_items) = Bvh::build(&bounds, 1);
+        let top = Bvh::build(&bounds, 1, |members| members[0]);
         let deepest_bottom = trees.iter().map(|tree| tree.bvh.stack_need()).max().unwrap_or(0);
         let stack_need = top.stack_need() + deepest_bottom;
         let bytes = bottoms.values().map(|(_, tree)| tree.bytes()).sum::<usize>() + top.bytes();
         let report = AccelReport { build_seconds: start.elapsed().as_secs_f64(), trees_built, bytes };
-        Accel { origin_in_world, bottoms, instances, trees, top, top_items, stack_need, report }
+        Accel { origin_in_world, bottoms, instances, trees, top, stack_need, report }
     }
 
     /// The world position of render space's origin.
@@ -150,7 +149,7 @@ impl Accel {
     /// Calls `found` with every triangle hit up to `t_max`; `found` may lower it, and ends the walk by true.
     #[inline]
     fn visit(&self, ray: &Ray, mut found: impl FnMut(Hit, &mut f32) -> bool) -> bool {
-        let mut inline = [Entry::default(); 128];
+        let mut inline = [Entry::default(); 96];
         let mut heap;
         let stack: &mut [Entry] = if self.stack_need <= inline.len() {
             &mut inline
@@ -159,14 +158,18 @@ impl Accel {
             &mut heap
         };
         let slab = SlabRay::new(ray.origin, ray.direction);
+        let shear = ShearRay::new(ray.origin, ray.direction);
         let mut t_max = ray.t_max;
-        self.top.traverse(&slab, &mut t_max, stack, |item, t_max, stack| {
-            let instance_index = self.top_items[item as usize];
+        self.top.traverse(&slab, &mut t_max, stack, |instance_index, t_max, stack| {
             let instance = &self.instances[instance_index as usize];
             let tree = &self.trees[instance_index as usize];
-            let (origin, direction) = instance.ray_in_mesh(ray);
-            let slab = SlabRay::new(origin, direction);
-            let shear = ShearRay::new(origin, direction);
+            let origin = instance.origin_in_mesh(ray);
+            let (slab, shear) = if instance.is_only_moved() {
+                (slab.from(origin), shear.from(origin))
+            } else {
+                let direction = instance.direction_in_mesh(ray);
+                (SlabRay::new(origin, direction), ShearRay::new(origin, direction))
+            };
             tree.bvh.traverse(&slab, t_max, stack, |packet, t_max, _| {
                 tree.packets[packet as usize].intersect(&shear, t_max, |triangle_hit, t_max| {
                     let hit = Hit {
@@ -207,10 +210,9 @@ impl BottomTree {
                 obvhs::aabb::Aabb::from_points(&[a, b, c])
             })
             .collect();
-        let (mut bvh, order) = Bvh::build(&bounds, TrianglePacket::WIDTH as u32);
-        let mut packets = Vec::with_capacity(order.len() / 2);
-        bvh.replace_leaves(|first, count| {
-            packets.push(TrianglePacket::new(mesh, &order[first as usize..(first + count) as usize]));
+        let mut packets = Vec::with_capacity(bounds.len() / 2);
+        let bvh = Bvh::build(&bounds, TrianglePacket::WIDTH as u32, |triangles| {
+            packets.push(TrianglePacket::new(mesh, triangles));
             packets.len() as u32 - 1
         });
         BottomTree { bvh, packets }

@@ -66,7 +66,7 @@ fn closest_hits_equal_a_loop_over_all_triangles() {
         let ray = Ray::new(numbers.point(4.0).as_vec3(), numbers.direction());
         let mut expected: Option<Hit> = None;
         for (index, instance) in accel.instances.iter().enumerate() {
-            let (origin, direction) = instance.ray_in_mesh(&ray);
+            let (origin, direction) = (instance.origin_in_mesh(&ray), instance.direction_in_mesh(&ray));
             let shear = ShearRay::new(origin, direction);
             for triangle in 0..instance.mesh().triangles().len() as u32 {
                 TrianglePacket::new(instance.mesh(), &[triangle]).intersect(

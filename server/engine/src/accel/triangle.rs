@@ -25,6 +25,7 @@ pub(super) struct TriangleHit {
 
 /// A ray made ready for triangle tests: axes permuted so that z is the longest, and the shear that turns
 /// the direction into +z.
+#[derive(Clone, Copy)]
 pub(super) struct ShearRay {
     axes: [usize; 3],
     origin: [Vec4; 3],
@@ -49,6 +50,13 @@ impl ShearRay {
             origin: axes.map(|axis| Vec4::splat(origin[axis])),
             shear: [direction[x] * inverse, direction[y] * inverse, inverse],
         }
+    }
+}
+
+impl ShearRay {
+    /// The same direction from another origin.
+    pub(super) fn from(&self, origin: Vec3) -> ShearRay {
+        ShearRay { origin: self.axes.map(|axis| Vec4::splat(origin[axis])), ..*self }
     }
 }
 

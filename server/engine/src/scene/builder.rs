@@ -488,17 +488,23 @@ fn over_limit(
 
 /// Finite, invertible, and of a size whose inverse single precision still holds.
 fn check_transform(kind: &'static str, id: &Id, transform: &DAffine3) -> Result<(), SceneError> {
-    let (columns, value) = (transform.matrix3, || format!("{:?}", transform.to_cols_array()));
+    let value = || format!("{:?}", transform.to_cols_array());
     if !transform.is_finite() {
         return Err(bad(kind, id, "transform", value(), "finite"));
     }
-    let lengths = [columns.x_axis.length(), columns.y_axis.length(), columns.z_axis.length()];
-    let volume = columns.determinant().abs() / (lengths[0] * lengths[1] * lengths[2]);
-    // 1e-6: axes closer than a thousandth of a degree have no inverse that f32 could use.
-    if lengths.iter().all(|length| (1e-12..=1e12).contains(length)) && volume > 1e-6 {
+    if is_invertible(transform) {
         return Ok(());
     }
     Err(bad(kind, id, "transform", value(), "invertible (no axis of zero length, no two axes alike)"))
+}
+
+/// True when the builder takes `transform` for a node: its inverse exists and single precision holds it.
+pub fn is_invertible(transform: &DAffine3) -> bool {
+    let columns = transform.matrix3;
+    let lengths = [columns.x_axis.length(), columns.y_axis.length(), columns.z_axis.length()];
+    let volume = columns.determinant().abs() / (lengths[0] * lengths[1] * lengths[2]);
+    // 1e-6: axes closer than a thousandth of a degree have no inverse that f32 could use.
+    lengths.iter().all(|length| (1e-12..=1e12).contains(length)) && volume > 1e-6
 }
 
 fn check_light_colour(

@@ -24,7 +24,7 @@ use glam::DAffine3;
 use indexmap::IndexMap;
 
 pub use bounds::Aabb;
-pub use builder::{SceneBuilder, SceneChange};
+pub use builder::{SceneBuilder, SceneChange, is_invertible};
 pub use camera::{Camera, CameraView, Projection};
 pub use error::SceneError;
 pub use id::Id;
