@@ -1,2 +1,8 @@
-//! `lumicast`.
-fn main() {}
+//! `lumicast`: reads arguments and nothing else.
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    lumicast::cli::Arguments::parse().run()
+}
