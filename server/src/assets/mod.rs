@@ -11,6 +11,7 @@ mod folder;
 mod gltf;
 mod limits;
 mod names;
+mod obj;
 mod pictures;
 #[cfg(test)]
 mod tests;
@@ -50,6 +51,8 @@ fn load_file(path: &Path, limits: &AssetLimits) -> Result<Scene, AssetError> {
         if let Some(environment) = environment {
             builder.set_environment(environment)?;
         }
+    } else if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+        obj::import(bytes, path, folder, &mut builder, limits)?;
     } else {
         return Err(AssetError::UnknownKind { file: String::new() });
     }
