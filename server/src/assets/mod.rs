@@ -7,6 +7,7 @@
 //! Imports the engine's `scene` room only.
 
 mod error;
+mod export;
 mod folder;
 mod gltf;
 mod limits;
@@ -21,6 +22,7 @@ use std::path::Path;
 use lumicast_engine::scene::{Id, Scene, SceneBuilder};
 
 pub use error::AssetError;
+pub use export::export_glb;
 pub use limits::AssetLimits;
 
 use folder::Folder;

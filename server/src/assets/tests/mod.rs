@@ -1,5 +1,6 @@
 //! Laws of import and export, on small files made here, and on the shared scenes where they are at hand.
 
+mod export;
 mod glb;
 mod gltf;
 mod gltf_materials;
