@@ -45,7 +45,7 @@ pub(super) fn import(
     limits: &AssetLimits,
 ) -> Result<Option<Environment>, AssetError> {
     let parts = container::split(bytes)?;
-    let document = Document::parse(parts.json, limits)?;
+    let document = Document::parse(parts.json, limits, builder.limits())?;
     document.warn_of_unread(builder);
     let buffers = Buffers::load(&document.root, parts.bin, &mut folder)?;
     let mut import = Import::new(&document, &buffers, builder, placement, limits);

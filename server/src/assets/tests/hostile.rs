@@ -322,6 +322,12 @@ fn sizes_end_at_their_limits() {
     let many = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{}{{}}]}}"#, "{},".repeat(3_000_000));
     let error = load("test.gltf", many.as_bytes()).expect_err("too many values").to_string();
     assert!(error.contains("json_values_max"), "{error}");
+    // Below that bound, but of what takes the most memory.
+    for (list, setting) in [("nodes", "nodes_max"), ("materials", "materials_max")] {
+        let many = format!(r#"{{"asset":{{"version":"2.0"}},"{list}":[{}{{}}]}}"#, "{},".repeat(1_500_000));
+        let error = load("test.gltf", many.as_bytes()).expect_err(list).to_string();
+        assert!(error.contains(setting), "{error}");
+    }
     let glb = Glb::square();
     let refused = |limits: AssetLimits, setting: &str| {
         let file = OnDisk::new("test.gltf", &glb.gltf(&data_uri(&glb.bin)));
