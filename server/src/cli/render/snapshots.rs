@@ -98,7 +98,7 @@ mod tests {
     use lumicast_engine::film::{PictureSize, PixelSample};
 
     fn facts(error: Option<f64>) -> PictureFacts {
-        let error_ci = error.map(|error| [error * 0.9, error * 1.1]);
+        let error_ci = error.map(|error| [error / 2.0, error * 2.0]);
         PictureFacts {
             revision: 1,
             seed: 0,
@@ -135,13 +135,13 @@ mod tests {
         snapshots.take_if_due(&film, &facts(None), 0.7).unwrap();
         snapshots.take_if_due(&film, &facts(None), 0.9).unwrap();
         add_pass(&mut film);
-        snapshots.take_if_due(&film, &facts(Some(0.1)), 1.0).unwrap();
-        snapshots.take(&film, &facts(Some(0.1)), 1.5).unwrap();
+        snapshots.take_if_due(&film, &facts(Some(0.125)), 1.0).unwrap();
+        snapshots.take(&film, &facts(Some(0.125)), 1.5).unwrap();
         let path = folder.path().join("new/folder/index.json");
         let index: serde_json::Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
         let expected = serde_json::json!([
             {"seconds": 0.7, "file": "0001.exr", "error": null, "error_ci": null, "technique": "path"},
-            {"seconds": 1.0, "file": "0002.exr", "error": 0.1, "error_ci": [0.09000000000000001, 0.11000000000000001],
+            {"seconds": 1.0, "file": "0002.exr", "error": 0.125, "error_ci": [0.0625, 0.25],
              "technique": "path"},
         ]);
         assert_eq!(index, expected);
