@@ -1,0 +1,334 @@
+//! The JSON messages of the WebSocket, one per text frame, `"type"` names it. Order and examples: `README.md`.
+//!
+//! Clients must know their fields (unknown ones are refused); servers may grow theirs, clients ignore what they do not
+//! know. Stamps, requests and revisions stay below 2⁵³, so that JavaScript can hold them; larger ones are refused.
+
+use crate::limits::{safe_integer, safe_integer_option};
+use crate::{CameraPose, Edit, Id, Limits, Problem, SceneDescription, SceneId};
+use serde::{Deserialize, Serialize};
+
+/// What a client says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case", deny_unknown_fields)]
+pub enum ClientMessage {
+    /// First of all.
+    Hello(ClientHello),
+    /// Which picture to draw from now on.
+    Camera(CameraRequest),
+    /// How pictures are to be sent.
+    Quality(Quality),
+    /// How exact they are to become.
+    Accuracy(Accuracy),
+    /// A batch of edits; answered by `edited` or `error`.
+    Edit(EditRequest),
+    /// A binary message has been received and used, and so has every one before it.
+    Ack {
+        /// Its frame number.
+        #[serde(deserialize_with = "safe_integer")]
+        frame: u64,
+    },
+    /// Answered by `pong` at once.
+    Ping {
+        /// Comes back unchanged.
+        #[serde(deserialize_with = "safe_integer")]
+        stamp: u64,
+    },
+}
+
+/// Who is calling.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClientHello {
+    /// The program's name, for the server's log.
+    pub client: String,
+    /// The program's version.
+    pub version: String,
+}
+
+/// Which picture to draw; replaces the one before.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "CameraFields", into = "CameraFields")]
+pub struct CameraRequest {
+    /// The client's own number, growing; it comes back in the header of every frame drawn from this message.
+    pub stamp: u64,
+    /// Width and height in pixels.
+    pub size: [u16; 2],
+    /// Flat in JSON: `camera` or `pose`.
+    pub view: View,
+}
+
+/// From where the picture is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub enum View {
+    /// A camera of the scene; follows it when it is edited.
+    Camera(Id),
+    /// The client's own.
+    Pose(CameraPose),
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraFields {
+    #[serde(deserialize_with = "safe_integer")]
+    stamp: u64,
+    size: [u16; 2],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    camera: Option<Id>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pose: Option<CameraPose>,
+}
+
+impl TryFrom<CameraFields> for CameraRequest {
+    type Error = &'static str;
+    fn try_from(fields: CameraFields) -> Result<Self, Self::Error> {
+        let view = match (fields.camera, fields.pose) {
+            (Some(id), None) => View::Camera(id),
+            (None, Some(pose)) => View::Pose(pose),
+            _ => return Err("give either `camera` (a camera of the scene) or `pose`"),
+        };
+        Ok(Self { stamp: fields.stamp, size: fields.size, view })
+    }
+}
+
+impl From<CameraRequest> for CameraFields {
+    fn from(request: CameraRequest) -> Self {
+        let (camera, pose) = match request.view {
+            View::Camera(id) => (Some(id), None),
+            View::Pose(pose) => (None, Some(pose)),
+        };
+        Self { stamp: request.stamp, size: request.size, camera, pose }
+    }
+}
+
+/// How pictures are sent. A message replaces the one before as a whole: an absent field takes its default.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Quality {
+    /// Default `auto`.
+    pub codec: Codec,
+    /// 1 to 100; default 85. Where the codec is JPEG.
+    pub jpeg_quality: u8,
+    /// Radiance is multiplied by 2^exposure_ev; −32 to 32, default 0.
+    pub exposure_ev: f32,
+    /// Default `aces`.
+    pub tone_map: ToneMap,
+    /// Above 0; default 60. The server has a limit of its own.
+    pub frames_per_second_max: f32,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self {
+            codec: Codec::Auto,
+            // Above about 85 a JPEG grows faster than its visible error falls.
+            jpeg_quality: 85,
+            exposure_ev: 0.0,
+            tone_map: ToneMap::Aces,
+            frames_per_second_max: 60.0,
+        }
+    }
+}
+
+/// What a client wants pictures packed as; what a frame is packed as says its header.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Codec {
+    /// JPEG while converging, PNG once converged.
+    #[default]
+    Auto,
+    /// Always JPEG.
+    Jpeg,
+    /// Always PNG, 8 bits.
+    Png,
+    /// Raw linear radiance, f32; exposure and tone map are then the client's business.
+    Float,
+}
+
+/// From radiance to display, by name. The server multiplies by 2^exposure_ev, applies this curve, then the sRGB
+/// transfer function; JPEG and PNG only, never to float pictures or EXR.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ToneMap {
+    /// Cut at 1.
+    Linear,
+    /// x / (1 + x) on luminance.
+    Reinhard,
+    /// Fit of the ACES reference curve.
+    #[default]
+    Aces,
+    /// AgX, base look: keeps hue towards white.
+    Agx,
+}
+
+impl ToneMap {
+    /// Every one, for menus.
+    pub const ALL: [Self; 4] = [Self::Linear, Self::Reinhard, Self::Aces, Self::Agx];
+
+    /// As in JSON and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Reinhard => "reinhard",
+            Self::Aces => "aces",
+            Self::Agx => "agx",
+        }
+    }
+}
+
+/// How exact pictures are to become. A message replaces the one before as a whole: an absent field takes its default.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Accuracy {
+    /// √relMSE as a fraction: the picture counts as converged and rests once it is reached. Default 0.01 (1 %).
+    pub target_error: f32,
+    /// Default `auto`.
+    pub technique: Technique,
+    /// Longest path in surface hits; absent = unlimited (Russian roulette ends paths without bias).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bounces: Option<u32>,
+}
+
+impl Default for Accuracy {
+    fn default() -> Self {
+        Self { target_error: 0.01, technique: Technique::Auto, bounces: None }
+    }
+}
+
+/// Where indirect light comes from, as `--indirect` on the command line.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Technique {
+    /// The best chain that exists so far.
+    #[default]
+    Auto,
+    /// Virtual directional lights clustered in an octree of photons.
+    Octree,
+    /// Photon gathering into irradiance records, splatted.
+    Irradiance,
+    /// Light map in texture space.
+    Lightmap,
+    /// Path tracing, unbiased.
+    Path,
+    /// No indirect light.
+    None,
+}
+
+impl Technique {
+    /// Every one, for menus.
+    pub const ALL: [Self; 6] =
+        [Self::Auto, Self::Octree, Self::Irradiance, Self::Lightmap, Self::Path, Self::None];
+
+    /// As in JSON and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Octree => "octree",
+            Self::Irradiance => "irradiance",
+            Self::Lightmap => "lightmap",
+            Self::Path => "path",
+            Self::None => "none",
+        }
+    }
+}
+
+/// A batch of edits over the WebSocket; means what `POST /v1/scenes/{id}/edits` means.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EditRequest {
+    /// The client's own number; comes back in `edited` or `error`.
+    #[serde(deserialize_with = "safe_integer")]
+    pub request: u64,
+    /// Refuse with 412 unless the scene is at this revision.
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "safe_integer_option")]
+    pub if_match: Option<u64>,
+    /// The same key again makes no second revision and is answered with the first one's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub idempotency_key: Option<String>,
+    /// Together or not at all.
+    pub edits: Vec<Edit>,
+}
+
+/// What the server says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ServerMessage {
+    /// Answer to the client's hello.
+    Hello(ServerHello),
+    /// The whole scene, after hello and again after it changed; the newest counts.
+    Scene {
+        /// All of it.
+        scene: Box<SceneDescription>,
+    },
+    /// The batch is on disk and made this revision.
+    Edited {
+        /// The client's number.
+        request: u64,
+        /// What it made.
+        revision: u64,
+    },
+    /// Something was refused or went wrong. The connection stays open unless the server closes it.
+    Error {
+        /// What and why.
+        problem: Problem,
+        /// The client's number, if an edit caused it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        request: Option<u64>,
+    },
+    /// How this viewer's picture is doing, a few times a second.
+    Stats(Stats),
+    /// Answer to ping.
+    Pong {
+        /// The client's number.
+        stamp: u64,
+    },
+}
+
+/// Who answers, and with what limits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ServerHello {
+    /// [`crate::SUBPROTOCOL`].
+    pub protocol: String,
+    /// The server's version.
+    pub version: String,
+    /// The scene of this connection.
+    pub scene: SceneId,
+    /// Its revision now.
+    pub revision: u64,
+    /// This connection's number, as in the server's log and metrics.
+    pub viewer: u64,
+    /// What the server accepts.
+    pub limits: Limits,
+}
+
+/// How one viewer's picture is doing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stats {
+    /// Revision the picture shows.
+    pub revision: u64,
+    /// Camera message the picture shows.
+    pub camera_stamp: u64,
+    /// Per pixel.
+    pub samples: u64,
+    /// √relMSE as a fraction: 0.01 = 1 %. `None` = not measured yet.
+    pub error: Option<f32>,
+    /// 95 % confidence interval of `error`, `[low, high]`.
+    pub error_ci: Option<[f32; 2]>,
+    /// Since the film restarted (camera moved, scene edited, size changed).
+    pub seconds: f64,
+    /// Of this viewer's film, lately.
+    pub rays_per_second: f64,
+    /// Of this viewer's film, lately: pixel samples.
+    pub samples_per_second: f64,
+    /// Since connecting.
+    pub frames_sent: u64,
+    /// Drawn but not sent, because too many were in flight: replaced by a newer one. Since connecting.
+    pub frames_skipped: u64,
+    /// Sent and not acknowledged.
+    pub in_flight: u32,
+    /// What the picture is rendered with.
+    pub technique: Technique,
+    /// Pixels of the film, width and height.
+    pub film_size: [u16; 2],
+    /// Film size ÷ asked size; below 1 while the camera moves on a slow machine.
+    pub scale: f32,
+}

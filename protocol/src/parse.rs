@@ -1,0 +1,272 @@
+//! From text to edits and messages, with errors that name op and field.
+//!
+//! serde alone says "invalid type" somewhere in a tagged enum. So: parse at once, and only a text that was refused is
+//! looked at again, edit by edit, to find the culprit. The contract's 422 "names op and field" comes from here.
+
+use crate::{
+    AddLight, AddMesh, AddNode, ClientMessage, Edit, EditBatch, LoadGltf, RemoveCamera, RemoveLight,
+    RemoveNode, ServerMessage, SetCamera, SetEnvironment, SetLight, SetMaterial, SetTransform,
+};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::fmt;
+
+/// Why a text is no batch of edits or no message.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub struct ParseError {
+    /// Place of the offending edit in its batch, from 0; `None` where the text as a whole is at fault.
+    pub op_index: Option<usize>,
+    /// Its op, if it names one.
+    pub op: Option<String>,
+    /// The offending field as a path, `transform.translation[0]`, where it is known.
+    pub field: Option<String>,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
+impl fmt::Display for ParseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(index) = self.op_index {
+            write!(f, "edits[{index}]")?;
+        }
+        if let Some(op) = &self.op {
+            write!(f, " ({op})")?;
+        }
+        if let Some(field) = &self.field {
+            write!(f, " field `{field}`")?;
+        }
+        let separator = if self.op_index.is_some() || self.field.is_some() { ": " } else { "" };
+        write!(f, "{separator}{}", self.reason)
+    }
+}
+
+impl ParseError {
+    fn of_text(error: &serde_json::Error) -> Self {
+        Self { op_index: None, op: None, field: None, reason: error.to_string() }
+    }
+}
+
+impl EditBatch {
+    /// Reads the body of `POST /v1/scenes/{id}/edits`: `{"edits":[…]}` or a bare array.
+    pub fn from_json(json: &[u8]) -> Result<Self, ParseError> {
+        serde_json::from_slice(json)
+            .map_err(|error| culprit_among_edits(json).unwrap_or_else(|| ParseError::of_text(&error)))
+    }
+}
+
+impl ClientMessage {
+    /// Reads a text frame from a client.
+    pub fn from_json(json: &str) -> Result<Self, ParseError> {
+        serde_json::from_str(json).map_err(|error| {
+            culprit_among_edits(json.as_bytes()).unwrap_or_else(|| ParseError::of_text(&error))
+        })
+    }
+
+    /// The text frame that says this.
+    pub fn to_json(&self) -> String {
+        json_of(self)
+    }
+}
+
+impl ServerMessage {
+    /// Reads a text frame from the server.
+    pub fn from_json(json: &str) -> Result<Self, ParseError> {
+        serde_json::from_str(json).map_err(|error| ParseError::of_text(&error))
+    }
+
+    /// The text frame that says this.
+    pub fn to_json(&self) -> String {
+        json_of(self)
+    }
+}
+
+/// JSON of a message. serde_json fails on maps whose keys are no strings and on failing `Serialize` impls; these types
+/// have neither (every message is written in a test), so a failure is a bug.
+fn json_of<T: serde::Serialize>(message: &T) -> String {
+    serde_json::to_string(message)
+        .unwrap_or_else(|error| panic!("a message cannot be written as JSON: {error}"))
+}
+
+/// The first edit in a refused text that is to blame, if an edit is.
+fn culprit_among_edits(json: &[u8]) -> Option<ParseError> {
+    let text = std::str::from_utf8(json).ok()?;
+    let whole: Value =
+        serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_non_numbers_quoted(text))).ok()?;
+    let edits = match whole {
+        Value::Array(edits) => edits,
+        Value::Object(mut object) => match object.remove("edits")? {
+            Value::Array(edits) => edits,
+            _ => return None,
+        },
+        _ => return None,
+    };
+    edits.into_iter().enumerate().find_map(|(index, edit)| {
+        let (op, field, reason) = fault_of_edit(edit)?;
+        Some(ParseError { op_index: Some(index), op, field, reason })
+    })
+}
+
+/// Op, field and reason of an edit that has the wrong shape; `None` for a good one.
+fn fault_of_edit(edit: Value) -> Option<(Option<String>, Option<String>, String)> {
+    let Value::Object(mut fields) = edit else {
+        return Some((None, None, "an edit is an object with a field `op`".into()));
+    };
+    let op = match fields.remove("op") {
+        Some(Value::String(op)) => op,
+        Some(_) => return Some((None, Some("op".into()), "an op is named by a string".into())),
+        None => return Some((None, Some("op".into()), "missing; it says what the edit does".into())),
+    };
+    let fields = Value::Object(fields);
+    let fault = match op.as_str() {
+        "add_mesh" => fault_of::<AddMesh>(fields),
+        "add_node" => fault_of::<AddNode>(fields),
+        "remove_node" => fault_of::<RemoveNode>(fields),
+        "set_transform" => fault_of::<SetTransform>(fields),
+        "set_material" => fault_of::<SetMaterial>(fields),
+        "add_light" => fault_of::<AddLight>(fields),
+        "set_light" => fault_of::<SetLight>(fields),
+        "remove_light" => fault_of::<RemoveLight>(fields),
+        "set_camera" => fault_of::<SetCamera>(fields),
+        "remove_camera" => fault_of::<RemoveCamera>(fields),
+        "set_environment" => fault_of::<SetEnvironment>(fields),
+        "load_gltf" => fault_of::<LoadGltf>(fields),
+        _ => Some((Some("op".into()), format!("no such op; there are {}", Edit::OPS.join(", ")))),
+    };
+    fault.map(|(field, reason)| (Some(op), field, reason))
+}
+
+/// Path and reason of what is wrong with a value that should be a `T`; `None` for a good one.
+fn fault_of<T: DeserializeOwned>(value: Value) -> Option<(Option<String>, String)> {
+    let error = serde_path_to_error::deserialize::<_, T>(value).err()?;
+    let path = error.path().to_string();
+    let reason = error.into_inner().to_string();
+    // A whole object is at fault where a field is missing or unknown, or where fields do not go together: serde and the
+    // types of this crate then put the field's name between the first backticks.
+    let field = match path.as_str() {
+        "." => reason.split('`').nth(1).map(String::from),
+        _ => Some(path),
+    };
+    Some((field, reason))
+}
+
+/// The text with every token that is no JSON number but meant as one (`NaN`, `-Infinity`, `1e999`) put between quotes,
+/// so that the second look finds the field it stands in. Some languages write these without being asked; the contract
+/// answers them as a bad value of that field (422), not as a broken text.
+fn with_non_numbers_quoted(text: &str) -> String {
+    let mut out = String::with_capacity(text.len() + 16);
+    let mut rest = text;
+    while let Some(first) = rest.chars().next() {
+        let token_bytes = match first {
+            '"' => string_bytes(rest),
+            c if is_word(c) => rest.find(|c| !is_word(c)).unwrap_or(rest.len()),
+            c => c.len_utf8(),
+        };
+        let (token, after) = rest.split_at(token_bytes);
+        let meant_as_number = token.parse::<f64>().is_ok_and(|number| !number.is_finite());
+        if meant_as_number {
+            out.extend(["\"", token, "\""]);
+        } else {
+            out.push_str(token);
+        }
+        rest = after;
+    }
+    out
+}
+
+fn is_word(c: char) -> bool {
+    c.is_ascii_alphanumeric() || matches!(c, '+' | '-' | '.')
+}
+
+/// Bytes of the JSON string that `text` begins with, quotes included; all of `text` where it is never closed.
+fn string_bytes(text: &str) -> usize {
+    let mut escaped = false;
+    for (at, byte) in text.bytes().enumerate().skip(1) {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = true,
+            b'"' => return at + 1,
+            _ => {}
+        }
+    }
+    text.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Problem, ProblemKind};
+
+    fn refused(json: &str) -> ParseError {
+        EditBatch::from_json(json.as_bytes()).unwrap_err()
+    }
+
+    #[test]
+    fn a_refused_edit_is_named_by_place_op_and_field() {
+        let good = r#"{"op":"remove_node","node":"a"}"#;
+        for (edit, op, field) in [
+            (
+                r#"{"op":"set_transform","node":"a","transform":{"translation":["x",0,0]}}"#,
+                "set_transform",
+                "transform.translation[0]",
+            ),
+            (
+                r#"{"op":"set_transform","node":"a","transform":{"translation":[NaN,0,0]}}"#,
+                "set_transform",
+                "transform.translation[0]",
+            ),
+            (
+                r#"{"op":"set_transform","node":"a","transform":{"translation":[0,-Infinity,0]}}"#,
+                "set_transform",
+                "transform.translation[1]",
+            ),
+            (
+                r#"{"op":"set_transform","node":"a","transform":{"scale":[1,1,1e999]}}"#,
+                "set_transform",
+                "transform.scale[2]",
+            ),
+            (r#"{"op":"set_material","material":"m","roughness":"high"}"#, "set_material", "roughness"),
+            (r#"{"op":"set_material","material":"m","shine":1}"#, "set_material", "shine"),
+            (r#"{"op":"set_transform","node":"a"}"#, "set_transform", "transform"),
+            (r#"{"op":"set_transform","node":"","transform":{}}"#, "set_transform", "node"),
+            (
+                r#"{"op":"add_mesh","mesh":"a","material":"m","positions":[[0,0,0]],"triangles":[[0,-1,0]]}"#,
+                "add_mesh",
+                "triangles[0][1]",
+            ),
+            (r#"{"op":"add_light","light":"l","kind":"point"}"#, "add_light", "intensity"),
+            (r#"{"op":"set_camera","camera":"c","yfov_rad":1,"half_height_m":1}"#, "set_camera", "yfov_rad"),
+            (r#"{"op":"set_environment","kind":"none","radiance":[1,1,1]}"#, "set_environment", "radiance"),
+            (r#"{"op":"load_gltf","data":"***"}"#, "load_gltf", "data"),
+            (r#"{"op":"explode","node":"a"}"#, "explode", "op"),
+        ] {
+            for batch in [format!("[{good},{edit}]"), format!(r#"{{"edits":[{good},{edit}]}}"#)] {
+                let error = refused(&batch);
+                assert_eq!(error.op_index, Some(1), "{edit}: {error}");
+                assert_eq!(error.op.as_deref(), Some(op), "{edit}: {error}");
+                assert_eq!(error.field.as_deref(), Some(field), "{edit}: {error}");
+                let problem = Problem::from(error);
+                assert!(problem.is(ProblemKind::EditRefused) && problem.status == 422);
+            }
+            let message = format!(r#"{{"type":"edit","request":1,"edits":[{edit}]}}"#);
+            assert_eq!(ClientMessage::from_json(&message).unwrap_err().field.as_deref(), Some(field));
+        }
+    }
+
+    #[test]
+    fn a_text_that_is_no_batch_is_malformed_and_blames_no_edit() {
+        for json in ["", "{", "null", "{}", r#"{"edits":1}"#, r#"{"edits":[],"more":1}"#, "[{]", "\u{0}"] {
+            let error = refused(json);
+            assert_eq!(error.op_index, None, "{json}");
+            assert_eq!(Problem::from(error).status, 400, "{json}");
+        }
+        assert_eq!(EditBatch::from_json(b"\xff[]").unwrap_err().op_index, None);
+    }
+
+    #[test]
+    fn only_tokens_meant_as_numbers_are_quoted() {
+        let text = r#"{"NaN \" Infinity":[NaN,-1e999,1e3,true,null,"1e999"],"é":-Infinity}"#;
+        let expected = r#"{"NaN \" Infinity":["NaN","-1e999",1e3,true,null,"1e999"],"é":"-Infinity"}"#;
+        assert_eq!(with_non_numbers_quoted(text), expected);
+        assert_eq!(with_non_numbers_quoted("\"open"), "\"open");
+    }
+}
