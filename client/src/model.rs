@@ -140,6 +140,8 @@ pub struct Model {
     pub errors: ErrorHistory,
     viewpoint: Option<Viewpoint>,
     start_camera: Option<String>,
+    /// Made by this viewer; selected once the scene has it.
+    select_later: Option<Selected>,
     size: [u16; 2],
     quality: Setting<Quality>,
     accuracy: Setting<Accuracy>,
@@ -173,6 +175,7 @@ impl Model {
             errors: ErrorHistory::default(),
             viewpoint: None,
             start_camera,
+            select_later: None,
             size: [0, 0],
             quality: Setting::new(Quality::default()),
             accuracy: Setting::new(Accuracy::default()),
@@ -307,6 +310,9 @@ impl Model {
         let version = self.scene.as_ref().map_or(0, |scene| scene.version) + 1;
         self.edits.scene_arrived(scene.revision);
         self.selected.take_if(|selected| !selected.is_in(&scene));
+        if let Some(made) = self.select_later.take_if(|made| made.is_in(&scene)) {
+            self.selected = Some(made);
+        }
         self.scene = Some(Scene { description: Arc::new(scene), version });
         if is_first {
             self.look_first(now_s);
@@ -432,6 +438,18 @@ impl Model {
             self.viewpoint = Some(Viewpoint { camera, follows: Some(id.clone()) });
             self.camera_due = true;
         }
+    }
+
+    /// Something on this side went wrong.
+    pub fn tell_error(&mut self, title: &str, detail: &str) {
+        // The time of the last message is near enough for a notice.
+        let now_s = self.link.heard_s();
+        self.notices.add(Severity::Error, title, detail, now_s);
+    }
+
+    /// Selects what was just made, as soon as the server tells of it.
+    pub fn select_when_there(&mut self, made: Selected) {
+        self.select_later = Some(made);
     }
 
     /// Box around the scene.

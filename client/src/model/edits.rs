@@ -437,6 +437,11 @@ impl Edits {
         self.drafts.get(target).is_some_and(|draft| draft.revision.is_none())
     }
 
+    /// Whether anything is still to be sent or answered.
+    pub fn is_busy(&self) -> bool {
+        self.in_flight.is_some() || !self.commands.is_empty() || self.drafts.values().any(|draft| draft.dirty)
+    }
+
     /// The newest answer.
     pub fn confirmed(&self) -> Option<Confirmed> {
         self.confirmed

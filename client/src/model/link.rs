@@ -70,6 +70,10 @@ impl Link {
         self.failures
     }
 
+    pub(super) fn heard_s(&self) -> f64 {
+        self.heard_s
+    }
+
     pub(super) fn start(&mut self, now_s: f64) {
         *self = Self { state: LinkState::Connecting, heard_s: now_s, ..Self::default() };
     }
