@@ -277,6 +277,8 @@ impl App {
                     .min_size(120.0)
                     .resizable(true)
                     .show(ui, |ui| {
+                        // A panel takes the size of what it holds; this one keeps the size it was dragged to.
+                        ui.set_min_size(ui.available_size());
                         inspector::show(ui, &mut self.model, now_s);
                     });
                 CentralPanel::no_frame().show(ui, |ui| self.tree.show(ui, &mut self.model));

@@ -16,6 +16,12 @@ pub fn form(ui: &mut Ui, salt: &str, lines: impl FnOnce(&mut Ui)) {
     Grid::new(salt).num_columns(2).min_col_width(LABEL_WIDTH).spacing([8.0, 5.0]).show(ui, lines);
 }
 
+/// Lines that only show: closer together than fields, which need room for a pointer.
+pub fn facts(ui: &mut Ui, salt: &str, lines: impl FnOnce(&mut Ui)) {
+    let grid = Grid::new(salt).num_columns(2).min_col_width(LABEL_WIDTH).min_row_height(16.0);
+    grid.spacing([8.0, 3.0]).show(ui, lines);
+}
+
 /// One line. `hint` explains the field under the pointer.
 pub fn line(ui: &mut Ui, label: &str, hint: &str, field: impl FnOnce(&mut Ui) -> Response) -> bool {
     let text = ui.label(RichText::new(label).color(theme::WEAK)).on_hover_text(hint);
@@ -104,7 +110,7 @@ pub fn light(ui: &mut Ui, label: &str, hint: &str, value: &mut [f32; 3], unit: &
 
 /// Three numbers.
 pub fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut [f64; 3], speed: f64) -> bool {
-    let text = ui.label(RichText::new(label).color(theme::WEAK)).on_hover_text(hint);
+    ui.label(RichText::new(label).color(theme::WEAK)).on_hover_text(hint);
     let changed = ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 3.0;
         ui.spacing_mut().interact_size.x = AXIS_WIDTH;
@@ -114,7 +120,7 @@ pub fn vector(ui: &mut Ui, label: &str, hint: &str, value: &mut [f64; 3], speed:
             field.widget_info(|| {
                 egui::WidgetInfo::labeled(egui::Role::SpinButton, true, format!("{label} {axis}"))
             });
-            changed |= field.labelled_by(text.id).changed();
+            changed |= field.changed();
         }
         changed
     });

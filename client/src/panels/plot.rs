@@ -55,7 +55,7 @@ pub fn show(ui: &mut Ui, errors: &ErrorHistory, target: f64) {
     let axes = axes_around(response.rect, &all, target);
     grid(&painter, &axes);
     let clipped = painter.with_clip_rect(axes.area);
-    if (axes.error[0]..=axes.error[1]).contains(&target.log10()) {
+    if (axes.error[0] - 1e-6..=axes.error[1] + 1e-6).contains(&target.log10()) {
         let level =
             [axes.at(10f64.powf(axes.seconds[0]), target), axes.at(10f64.powf(axes.seconds[1]), target)];
         clipped.extend(Shape::dashed_line(&level, Stroke::new(1.0, theme::GOOD), 4.0, 4.0));
@@ -74,7 +74,9 @@ fn axes_around(rect: Rect, points: &[Point], target: f64) -> Axes {
     let decades = |values: &mut dyn Iterator<Item = f64>| -> Decades {
         let (low, high) =
             values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-        let (low, high) = (low.max(1e-9).log10().floor(), high.clamp(1e-9, 1e12).log10().ceil());
+        // 0.01 as f32 lies a hair below 0.01: that is not another decade.
+        let (low, high) = (low.max(1e-9).log10() + 1e-6, high.clamp(1e-9, 1e12).log10() - 1e-6);
+        let (low, high) = (low.floor(), high.ceil());
         [low, high.max(low + DECADES_MIN)]
     };
     // The target belongs into the picture when it is near: a goal far below would press the curve to the ceiling.
@@ -98,13 +100,13 @@ fn grid(painter: &Painter, axes: &Axes) {
         painter.vline(x, axes.area.y_range(), line(factor.log10()));
         if factor == 1.0 {
             let text = seconds_label(decade);
-            painter.text(
-                pos2(x, axes.area.bottom() + 2.0),
-                Align2::CENTER_TOP,
-                text,
-                font.clone(),
-                theme::WEAK,
-            );
+            // The outer labels stay inside the plot.
+            let align = match decade {
+                d if d == axes.seconds[0] => Align2::LEFT_TOP,
+                d if d == axes.seconds[1] => Align2::RIGHT_TOP,
+                _ => Align2::CENTER_TOP,
+            };
+            painter.text(pos2(x, axes.area.bottom() + 2.0), align, text, font.clone(), theme::WEAK);
         }
     }
     for [decade, factor] in steps(axes.error) {

@@ -1,6 +1,6 @@
 //! How picture and line are doing: the error with its curve, frames, latencies, bytes.
 
-use super::form::{fact, form};
+use super::form::{fact, facts};
 use super::{numbers, plot};
 use crate::model::Model;
 use crate::model::history::Latencies;
@@ -11,7 +11,7 @@ use egui::{RichText, Ui};
 pub fn show(ui: &mut Ui, model: &Model, now_s: f64) {
     plot::show(ui, &model.errors, f64::from(model.accuracy().target_error));
     ui.add_space(4.0);
-    form(ui, "statistics", |ui| {
+    facts(ui, "statistics", |ui| {
         picture(ui, model);
         ui.end_row();
         line(ui, model, now_s);
@@ -62,9 +62,9 @@ fn picture(ui: &mut Ui, model: &Model) {
 fn line(ui: &mut Ui, model: &Model, now_s: f64) {
     fact(ui, "Frames", "Shown, a second", format!("{:.1} /s", model.rate.frames_per_second(now_s)));
     let hint = "From moving the camera to the first picture of it on screen: last, median, 95th percentile";
-    fact(ui, "Camera → frame", hint, latencies(&model.camera_latencies));
+    fact(ui, "Camera to frame", hint, latencies(&model.camera_latencies));
     let hint = "From an edit to the first picture that shows it: last, median, 95th percentile";
-    fact(ui, "Edit → frame", hint, latencies(&model.edit_latencies));
+    fact(ui, "Edit to frame", hint, latencies(&model.edit_latencies));
     let round_trip = model.round_trip_s.map_or("–".into(), numbers::duration);
     fact(ui, "Round trip", "Ping to pong, through this program's and the server's queues", round_trip);
     fact(ui, "Received", "Pictures, a second", numbers::byte_rate(model.rate.bytes_per_second(now_s)));
