@@ -2,6 +2,7 @@
 
 mod error;
 pub mod info;
+mod output;
 pub mod render;
 mod scene_source;
 
