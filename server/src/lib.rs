@@ -5,4 +5,12 @@
 
 pub mod assets;
 pub mod cli;
+pub mod config;
+pub mod convert;
+pub mod http;
 pub mod images;
+pub mod scenes;
+pub mod shutdown;
+pub mod store;
+pub mod stream;
+pub mod telemetry;

@@ -1,13 +1,8 @@
-//! `lumicast`: reads the arguments and leaves the rest to the library.
+//! `lumicast`: reads arguments and nothing else.
 
+use clap::Parser;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match lumicast::cli::run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::from(error.exit_code())
-        }
-    }
+    lumicast::cli::Arguments::parse().run()
 }

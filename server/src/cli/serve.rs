@@ -1,0 +1,184 @@
+//! `lumicast serve`: settings, scenes, the listener, and the end.
+
+use crate::config::Config;
+use crate::http::{self, Service, id_of_name};
+use crate::scenes::{CreateError, Origin, Scenes, Workshop};
+use crate::{shutdown, telemetry};
+use clap::Args;
+use std::error::Error;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::time::{Duration, Instant};
+use tokio::net::TcpListener;
+
+/// Arguments of `lumicast serve`.
+#[derive(Debug, Args)]
+pub(super) struct ServeArgs {
+    /// Scene files: .glb, .gltf or .obj. None: a built-in Cornell box.
+    scenes: Vec<PathBuf>,
+    /// Address and port; port 0 takes a free one. [default: 127.0.0.1:7171]
+    #[arg(long, value_name = "ADDRESS")]
+    listen: Option<String>,
+    /// Folder that keeps scenes and edits. Without it they are gone when the server stops.
+    #[arg(long, value_name = "DIR")]
+    data: Option<String>,
+    /// What renders: auto, cpu or gpu. [default: auto]
+    #[arg(long)]
+    backend: Option<String>,
+    /// Settings as TOML; deploy/lumicast.toml lists all.
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+    /// Rendering threads; 0: one per core. [default: 0]
+    #[arg(long, value_name = "N")]
+    threads: Option<String>,
+    /// Any setting, e.g. --set viewers_per_scene=8.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Prints the settings in force, with their descriptions, and ends.
+    #[arg(long)]
+    print_config: bool,
+}
+
+impl ServeArgs {
+    /// Serves until asked to stop.
+    pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
+        let config = self.config()?;
+        if self.print_config {
+            print!("{}", config.to_toml());
+            return Ok(());
+        }
+        if config.backend == "gpu" {
+            return Err("backend gpu: this version renders on the CPU; take auto or cpu".into());
+        }
+        telemetry::init_logging(&config.log, &config.log_format)?;
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            // Two: they only pass messages on; rendering has threads of its own.
+            .worker_threads(2)
+            .thread_name("tokio")
+            .enable_all()
+            .build()?;
+        runtime.block_on(self.serve(config))
+    }
+
+    fn config(&self) -> Result<Config, Box<dyn Error>> {
+        let named = [
+            ("listen", &self.listen),
+            ("data", &self.data),
+            ("backend", &self.backend),
+            ("threads", &self.threads),
+        ];
+        let mut flags: Vec<(String, String, String)> = named
+            .into_iter()
+            .filter_map(|(key, value)| Some((key.into(), value.clone()?, format!("flag --{key}"))))
+            .collect();
+        for pair in &self.set {
+            let (key, value) =
+                pair.split_once('=').ok_or_else(|| format!("flag --set {pair:?}: write key=value"))?;
+            flags.push((key.trim().into(), value.into(), format!("flag --set {key}")));
+        }
+        Ok(Config::load(self.config.as_deref(), std::env::vars(), &flags)?)
+    }
+
+    async fn serve(self, config: Config) -> Result<(), Box<dyn Error>> {
+        // First the port: who starts a second server by mistake learns it before a minute of loading.
+        let listener = TcpListener::bind(&config.listen)
+            .await
+            .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+        let address = listener.local_addr()?;
+        let stop_after = Duration::from_secs(config.shutdown_seconds.into());
+        let workshop = Arc::new(Workshop::open(config)?);
+        let scenes = Arc::new(Scenes::new(workshop.clone()));
+        let (stopper, stopping) = shutdown::stop_signal();
+        let ready = Arc::new(AtomicBool::new(false));
+        let service = Service { scenes: scenes.clone(), stopping, ready: ready.clone() };
+        let server = tokio::spawn(http::serve(listener, service));
+        let loading = tokio::task::spawn_blocking({
+            let (scenes, files) = (scenes.clone(), self.scenes);
+            move || load_all(&scenes, &files)
+        });
+        tokio::select! {
+            loaded = loading => {
+                loaded??;
+                ready.store(true, SeqCst);
+                announce(address, &scenes);
+                shutdown::asked_to_stop().await?;
+            }
+            asked = shutdown::asked_to_stop() => asked?,
+        }
+        eprintln!("stopping");
+        stopper.stop();
+        // Edits first, so that who waits for an answer gets it before its connection ends.
+        let ended = tokio::task::spawn_blocking({
+            let scenes = scenes.clone();
+            move || scenes.stop()
+        });
+        ended.await?;
+        server.await?;
+        let deadline = Instant::now() + stop_after;
+        while workshop.metrics.viewers.value() > 0 && Instant::now() < deadline {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+        Ok(())
+    }
+}
+
+/// Restores the store, then loads the files it does not hold yet.
+fn load_all(scenes: &Scenes, files: &[PathBuf]) -> Result<(), CreateError> {
+    let started = Instant::now();
+    scenes.restore()?;
+    for file in files {
+        let (name, id) = name_of(file);
+        if let Some(scene) = scenes.get(&id) {
+            tracing::info!(
+                scene = %id, revision = scene.revision(),
+                "restored from the data folder with its edits; the file was not read again"
+            );
+            continue;
+        }
+        scenes.create(id, &name, Origin::File(file.clone()))?;
+    }
+    if files.is_empty() && scenes.all().is_empty() {
+        let id = id_of_name("cornell-box");
+        scenes.create(id, "Cornell box", Origin::Builtin("cornell-box".into()))?;
+    }
+    tracing::info!(seconds = started.elapsed().as_secs_f64(), "scenes loaded");
+    Ok(())
+}
+
+/// Name and id of a scene file: its stem.
+fn name_of(file: &Path) -> (String, lumicast_protocol::SceneId) {
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    // Names go to logs and to viewers: no control characters, not endless.
+    let name: String = stem.chars().filter(|c| !c.is_control()).take(64).collect();
+    let id = id_of_name(&name);
+    (name, id)
+}
+
+/// Says where to look.
+fn announce(address: SocketAddr, scenes: &Scenes) {
+    let list = scenes.list().scenes;
+    println!("Lumicast {} at http://{address}/", env!("CARGO_PKG_VERSION"));
+    for scene in &list {
+        println!("  {:<20} revision {:<5} {} triangles", scene.id.as_str(), scene.revision, scene.triangles);
+    }
+    println!("  In a browser       http://{address}/");
+    println!("  The viewer         lumicast-viewer http://{address}");
+    if let Some(scene) = list.first() {
+        println!(
+            "  A picture          curl -o picture.png 'http://{address}/v1/scenes/{}/frame?time=2'",
+            scene.id
+        );
+        println!(
+            "  An edit            curl -H 'content-type: application/json' -d '[{{\"op\":\"set_environment\",\"kind\":\"constant\",\"radiance\":[0.2,0.3,0.5]}}]' http://{address}/v1/scenes/{}/edits",
+            scene.id
+        );
+    }
+    if !scenes.workshop().is_durable() {
+        println!("  Edits live in memory and end with this process; --data DIR keeps them.");
+    }
+    if !address.ip().is_loopback() {
+        println!("  Listening beyond this machine, without password: anybody who reaches it can edit.");
+    }
+}

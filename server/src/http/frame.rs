@@ -1,0 +1,141 @@
+//! `/v1/scenes/{id}/frame`: one picture.
+
+use super::{HttpProblem, Service};
+use crate::config::Config;
+use crate::scenes::{PictureFormat, PictureRequest, Until};
+use axum::extract::rejection::QueryRejection;
+use axum::extract::{Path, Query, State};
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
+use lumicast_engine::film::{PictureSize, ToneMap};
+use lumicast_protocol::ProblemKind;
+use serde::Deserialize;
+use std::time::Duration;
+
+/// Parameters as text, so that each refusal can name its own.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FrameQuery {
+    camera: Option<String>,
+    size: Option<String>,
+    format: Option<String>,
+    error: Option<String>,
+    time: Option<String>,
+    tone_map: Option<String>,
+    exposure_ev: Option<f32>,
+}
+
+/// Draws one picture of the scene as it is now. Without `error` and `time` it takes `frame_seconds` of the settings.
+#[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
+    params(
+        ("id" = String, Path, description = "Scene"),
+        ("camera" = Option<String>, Query, description = "A camera of the scene; default: the first"),
+        ("size" = Option<String>, Query, description = "WxH in pixels, such as 640x360"),
+        ("format" = Option<String>, Query, description = "png (default), jpeg, or exr: linear radiance"),
+        ("error" = Option<f64>, Query, description = "√relMSE as a fraction at which it is done, such as 0.02"),
+        ("time" = Option<String>, Query, description = "Seconds after which it is done: 2, 2s or 500ms"),
+        ("tone_map" = Option<String>, Query, description = "linear, reinhard, aces (default) or agx; not for exr"),
+        ("exposure_ev" = Option<f32>, Query, description = "Stops, −32 to 32; not for exr")),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/png"), (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/x-exr")),
+            headers(
+                ("ETag" = String, description = "Revision in quotes"),
+                ("Lumicast-Samples" = u32, description = "Per pixel"),
+                ("Lumicast-Error" = f64, description = "√relMSE as a fraction, where it was measured"),
+                ("Lumicast-Seconds" = f64, description = "Spent on it"))),
+        (status = 404, description = "No such scene or camera", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
+        (status = 422, description = "A parameter is out of range", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
+        (status = 503, description = "Too many pictures at once", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
+pub(super) async fn get(
+    State(service): State<Service>,
+    Path(id): Path<String>,
+    query: Result<Query<FrameQuery>, QueryRejection>,
+) -> Result<Response, HttpProblem> {
+    let scene = service.scene(&id)?;
+    let Query(query) = query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
+    let request = request_of(query, &service.scenes.workshop().config)?;
+    let content_type = match request.format {
+        PictureFormat::Exr => "image/x-exr",
+        PictureFormat::Png => "image/png",
+        PictureFormat::Jpeg => "image/jpeg",
+    };
+    let picture = scene.draw(request).await?;
+    let mut response = (
+        [
+            ("content-type", content_type.to_string()),
+            ("etag", format!("\"{}\"", picture.revision)),
+            ("lumicast-samples", picture.samples.to_string()),
+            ("lumicast-seconds", format!("{:.3}", picture.seconds)),
+        ],
+        picture.bytes,
+    )
+        .into_response();
+    if let Some(error) = picture.error
+        && let Ok(value) = header::HeaderValue::from_str(&format!("{error:.6}"))
+    {
+        response.headers_mut().insert("lumicast-error", value);
+    }
+    Ok(response)
+}
+
+fn bad(field: &'static str, reason: impl std::fmt::Display) -> HttpProblem {
+    HttpProblem::new(ProblemKind::ValueRefused, format!("parameter `{field}`: {reason}")).at_field(field)
+}
+
+fn request_of(query: FrameQuery, config: &Config) -> Result<PictureRequest, HttpProblem> {
+    let exposure_ev = query.exposure_ev.unwrap_or(0.0);
+    if !(exposure_ev.abs() <= 32.0) {
+        return Err(bad("exposure_ev", "from −32 to 32"));
+    }
+    let tone_map = query.tone_map.as_deref().map_or(Ok(ToneMap::Aces), str::parse);
+    Ok(PictureRequest {
+        size: query.size.map(|text| size_of(&text, config)).transpose()?,
+        format: match query.format.as_deref() {
+            None | Some("png") => PictureFormat::Png,
+            Some("jpeg" | "jpg") => PictureFormat::Jpeg,
+            Some("exr") => PictureFormat::Exr,
+            Some(_) => return Err(bad("format", "png, jpeg or exr")),
+        },
+        until: until_of(query.error.as_deref(), query.time.as_deref(), config)?,
+        tone_map: tone_map.map_err(|error| bad("tone_map", error))?,
+        exposure_ev,
+        camera: query.camera,
+    })
+}
+
+fn size_of(text: &str, config: &Config) -> Result<PictureSize, HttpProblem> {
+    let (width_max, height_max) = (config.picture_width, config.picture_height);
+    let sides = text.split_once(['x', '×']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    match sides {
+        Some((width, height))
+            if (1..=width_max.into()).contains(&width) && (1..=height_max.into()).contains(&height) =>
+        {
+            PictureSize::new(width, height).map_err(|error| bad("size", error))
+        }
+        _ => Err(bad("size", format!("WxH from 1x1 to {width_max}x{height_max}, such as 640x360"))),
+    }
+}
+
+fn until_of(error: Option<&str>, time: Option<&str>, config: &Config) -> Result<Until, HttpProblem> {
+    let seconds_max = config.frame_seconds_max;
+    match (error, time) {
+        (Some(_), Some(_)) => Err(bad("error", "give `error` or `time`, not both")),
+        (None, None) => Ok(Until::Time(Duration::from_secs_f64(config.frame_seconds.min(seconds_max)))),
+        (Some(text), None) => match text.parse::<f64>() {
+            Ok(error) if error > 0.0 && error.is_finite() => Ok(Until::Error(error)),
+            _ => Err(bad("error", "a fraction above 0, such as 0.02 for 2 %")),
+        },
+        (None, Some(text)) => {
+            let (number, unit) = match text.strip_suffix("ms") {
+                Some(number) => (number, 1e-3),
+                None => (text.strip_suffix('s').unwrap_or(text), 1.0),
+            };
+            match number.parse::<f64>().map(|number| number * unit) {
+                Ok(seconds) if seconds > 0.0 && seconds <= seconds_max => {
+                    Ok(Until::Time(Duration::from_secs_f64(seconds)))
+                }
+                _ => Err(bad("time", format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
+            }
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! The edit thread of a scene: one batch after the other becomes a revision, or a problem and nothing else.
+//!
+//! Order within a batch: known key → `If-Match` → applied to a copy → trees → on disk → published → answered. What can
+//! fail comes before the disk, and the disk before anybody sees it.
+
+use super::history::{Keys, digest};
+use super::{DeskMessage, EditJob, News, Scene, Snapshot, lock};
+use crate::assets;
+use crate::convert;
+use crate::store::{Base, Record, SceneStore};
+use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind};
+use std::sync::atomic::Ordering::SeqCst;
+use std::sync::{Arc, PoisonError, mpsc};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What only the edit thread holds.
+#[derive(Debug)]
+pub(super) struct Desk {
+    pub(super) scene: Arc<Scene>,
+    pub(super) store: Option<SceneStore>,
+    pub(super) keys: Keys,
+    /// Log length at which folding is tried next; grows when it was not possible.
+    pub(super) fold_at_bytes: u64,
+}
+
+impl Desk {
+    /// Works until told to stop.
+    pub(super) fn run(mut self, jobs: &mpsc::Receiver<DeskMessage>) {
+        while let Ok(DeskMessage::Edit(job)) = jobs.recv() {
+            let metrics = &self.scene.workshop.metrics;
+            metrics.edit_queue.add(-1);
+            let EditJob { edits, if_match, idempotency_key, queued, reply } = job;
+            let answer = self.take(edits, if_match, idempotency_key);
+            let metrics = &self.scene.workshop.metrics;
+            metrics.edit_latency.record(queued.elapsed());
+            match &answer {
+                Ok(_) => metrics.edits_accepted.one(),
+                Err(_) => metrics.edits_refused.one(),
+            }
+            // Who asked may have gone; the batch counts all the same.
+            let _ = reply.send(answer);
+            self.fold_if_long();
+        }
+    }
+
+    fn take(
+        &mut self,
+        edits: Vec<Edit>,
+        if_match: Option<u64>,
+        idempotency_key: Option<String>,
+    ) -> Result<EditReply, Problem> {
+        let before = self.scene.snapshot();
+        let digest = idempotency_key.as_ref().map(|_| digest(&edits));
+        if let Some((known, revision)) = idempotency_key.as_ref().and_then(|key| self.keys.get(key)) {
+            return match digest == Some(known) {
+                true => Ok(EditReply { revision }),
+                false => Err(Problem::new(
+                    ProblemKind::Conflict,
+                    format!("this idempotency key belongs to another batch, which made revision {revision}"),
+                )
+                .at_field("idempotency_key")),
+            };
+        }
+        if let Some(asked) = if_match.filter(|asked| *asked != before.revision) {
+            let detail = format!(
+                "the scene is at revision {}, the edit asked for {asked}: read the scene again",
+                before.revision
+            );
+            return Err(Problem::new(ProblemKind::RevisionMoved, detail).at_revision(before.revision));
+        }
+        let limits = self.scene.workshop.edit_limits();
+        let applied = convert::apply(before.world.scene(), &edits, &limits)
+            .map_err(|problem| problem.at_revision(before.revision))?;
+        let revision = before.revision + 1;
+        let light_revision =
+            if applied.change.leaves_light_alone() { before.light_revision } else { revision };
+        // Passes that draw the old scene give way: nobody will see them.
+        if self.scene.interruptible.load(SeqCst) {
+            self.scene.cancel.store(true, SeqCst);
+        }
+        let scene = Arc::new(applied.scene);
+        let world = self.scene.workshop.building_pool.install(|| before.world.update(scene));
+        let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
+        self.record_and_publish(snapshot, edits, idempotency_key.zip(digest))
+    }
+
+    fn record_and_publish(
+        &mut self,
+        snapshot: Snapshot,
+        edits: Vec<Edit>,
+        key: Option<(String, u64)>,
+    ) -> Result<EditReply, Problem> {
+        let revision = snapshot.revision;
+        let seconds_since_epoch =
+            SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let idempotency_key = key.as_ref().map(|(key, _)| key.clone());
+        let record = Record { revision, seconds_since_epoch, idempotency_key, edits };
+        let bytes = match &mut self.store {
+            Some(store) => {
+                let before = store.log_bytes();
+                store.append(&record).map_err(|error| {
+                    tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
+                    Problem::new(
+                        ProblemKind::Unavailable,
+                        format!("the edit could not be put on disk: {error}"),
+                    )
+                })?;
+                store.log_bytes() - before
+            }
+            // A rough length will do for the bound of what is kept in memory.
+            None => serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64),
+        };
+        if let Some((key, digest)) = key {
+            self.keys.insert(key, digest, revision);
+        }
+        let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits: record.edits });
+        {
+            let mut history = lock(&self.scene.history);
+            *self.scene.snapshot.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(snapshot);
+            history.push(entry.clone(), bytes);
+        }
+        self.scene.revision.send_replace(revision);
+        // Without listeners the event goes nowhere, as it should.
+        let _ = self.scene.events.send(entry);
+        self.scene.tell_painter(News::Urgent);
+        Ok(EditReply { revision })
+    }
+
+    /// Folds a long log into a new base, if the scene comes back from its file exactly as it went in.
+    fn fold_if_long(&mut self) {
+        let Some(store) = &mut self.store else { return };
+        if store.log_bytes() < self.fold_at_bytes {
+            return;
+        }
+        let snapshot = self.scene.snapshot();
+        let described = self.scene.description();
+        let limits = self.scene.workshop.config.asset_limits();
+        let folded = assets::export_glb(snapshot.world.scene()).ok().and_then(|glb| {
+            let back = super::registry::scene_from_glb(&glb, &limits).ok()?;
+            let again = convert::describe(&back, &self.scene.id, &self.scene.name, snapshot.revision, true);
+            (again == *described).then_some(glb)
+        });
+        let result = match folded {
+            Some(glb) => store
+                .fold(&Base::Glb(glb), snapshot.revision, self.keys.to_kept())
+                .map_err(|error| error.to_string()),
+            None => Err("the scene holds something that a GLB file does not".to_string()),
+        };
+        match result {
+            Ok(()) => self.fold_at_bytes = self.scene.workshop.config.log_bytes,
+            Err(reason) => {
+                // The log stays as it is, whole and valid; it is tried again when it has doubled.
+                tracing::warn!(scene = %self.scene.id, reason, "the log was not folded");
+                self.fold_at_bytes = store.log_bytes().saturating_mul(2);
+            }
+        }
+    }
+}

@@ -1,0 +1,693 @@
+//! The render thread of a scene: goes round its viewers and draws for the one that needs it most.
+//!
+//! A viewer whose camera, size or scene changed comes first and gets a quick pass at a size that fits the time; then its
+//! picture climbs to full size and is refined, until its error is reached; then it rests and costs nothing. Refining
+//! gives way to news, between tiles, and goes on where it stopped. While one viewer keeps moving, the others get slices
+//! of time in between. All films live here; a stalled viewer's is left alone.
+
+use super::frames::{self, Packer};
+use super::ladder::{Size, Speed, rungs, scaled};
+use super::request::Drawing;
+use super::viewer::{Picture, Viewer, Wish};
+use super::{Scene, Snapshot, Workshop, lock};
+use crate::convert;
+use lumicast_engine::film::{Film, MeasuredError, PictureSize};
+use lumicast_engine::render::{Indirect, RenderSettings, Rendering};
+use lumicast_engine::scene::CameraView;
+use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, ProblemKind, Stats, View};
+use std::collections::HashMap;
+use std::sync::atomic::Ordering::SeqCst;
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
+const SLICE_SECONDS: f64 = 0.1;
+/// Passes before a measured error is believed: four in each of the two halves.
+const PASSES_BELIEVED: u32 = 8;
+/// A picture still black all over after so many passes is taken as black: its error cannot be measured.
+const PASSES_BLACK: u32 = 256;
+/// A refined picture is sent when it has this share of passes more than the last one: the eye sees no smaller step.
+const PASSES_GROWTH: f64 = 0.25;
+/// Or when so much time has gone by, so that a viewer sees that something goes on.
+const SENT_SECONDS_MAX: f64 = 1.0;
+/// Between refined pictures at least: more than 20 a second of a resting view would only cost bytes.
+const REFINED_SECONDS_MIN: f64 = 0.05;
+/// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
+const OVERRUN: f64 = 5.0;
+
+/// Everything that a film depends on; while it stays, samples add up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct FilmKey {
+    view: CameraView,
+    full: Size,
+    indirect: Indirect,
+    bounces_max: Option<u32>,
+    light_revision: u64,
+}
+
+/// Counts the memory of a film for as long as it lives.
+#[derive(Debug)]
+pub(super) struct FilmMemory {
+    workshop: Arc<Workshop>,
+    bytes: i64,
+}
+
+fn film_bytes(pixels: usize) -> i64 {
+    (pixels * Film::BYTES_PER_PIXEL) as i64
+}
+
+impl FilmMemory {
+    pub(super) fn of(workshop: &Arc<Workshop>, size: PictureSize) -> FilmMemory {
+        let bytes = film_bytes(size.pixel_count());
+        workshop.metrics.film_bytes.add(bytes);
+        FilmMemory { workshop: workshop.clone(), bytes }
+    }
+}
+
+impl Drop for FilmMemory {
+    fn drop(&mut self) {
+        self.workshop.metrics.film_bytes.add(-self.bytes);
+    }
+}
+
+/// A film at one rung of the ladder.
+#[derive(Debug)]
+struct Layer {
+    rendering: Rendering,
+    divisor: u32,
+    size: Size,
+    _memory: FilmMemory,
+}
+
+/// What the viewer was offered last.
+#[derive(Debug, Clone, Copy)]
+struct Shown {
+    camera_count: u64,
+    quality_count: u64,
+    revision: u64,
+    converged: bool,
+    at: Instant,
+}
+
+/// One viewer's film and where it stands.
+#[derive(Debug)]
+struct ViewerFilm {
+    key: FilmKey,
+    started: Instant,
+    /// What is shown and refined; `None` until the first quick pass.
+    layer: Option<Layer>,
+    /// The next rung, until its first pass is whole.
+    climb: Option<Layer>,
+    /// The finest divisor that memory allows.
+    divisor_min: u32,
+    shown: Option<Shown>,
+    offer_at_passes: u32,
+    measured: Option<MeasuredError>,
+    packer: Packer,
+    speed: Speed,
+    rays_per_second: f64,
+}
+
+/// What is to be done for a viewer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Task {
+    Nothing,
+    /// Something, but not before.
+    Later(Instant),
+    /// A quick first pass.
+    Start,
+    /// The picture is good, but shows an old stamp, revision, exposure or no "converged" yet.
+    Resend,
+    Refine,
+}
+
+/// Draws for one scene.
+#[derive(Debug)]
+pub(super) struct Painter {
+    scene: Arc<Scene>,
+    films: HashMap<u64, ViewerFilm>,
+    drawings: Vec<Drawing>,
+    speed: Speed,
+    /// Who had the last slice, in the round of viewers and drawings.
+    turn: usize,
+    /// A quick pass was drawn while others waited to refine: they are next.
+    slice_owed: bool,
+    alarm: Alarm,
+}
+
+/// How a pass may end early.
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    interruptible: bool,
+    after: Option<Duration>,
+}
+
+impl Painter {
+    pub(super) fn new(scene: Arc<Scene>) -> Painter {
+        let alarm = Alarm::start(scene.clone());
+        Painter {
+            scene,
+            films: HashMap::new(),
+            drawings: Vec::new(),
+            speed: Speed::default(),
+            turn: 0,
+            slice_owed: false,
+            alarm,
+        }
+    }
+
+    /// Draws until the scene closes.
+    pub(super) fn run(mut self) {
+        while let Some(viewers) = self.look_at_board() {
+            self.films.retain(|id, _| viewers.iter().any(|viewer| viewer.id() == *id));
+            self.settle_drawings();
+            let snapshot = self.scene.snapshot();
+            let tasks: Vec<(Arc<Viewer>, Option<Wish>, Task)> = viewers
+                .into_iter()
+                .map(|viewer| {
+                    let wish = viewer.wish();
+                    let task = match &wish {
+                        Some(wish) => self.task_of(&viewer, wish, &snapshot),
+                        None => Task::Nothing,
+                    };
+                    (viewer, wish, task)
+                })
+                .collect();
+            if !self.work_one_round(&tasks, &snapshot) {
+                let later = tasks.iter().filter_map(|(_, _, task)| match task {
+                    Task::Later(at) => Some(*at),
+                    _ => None,
+                });
+                self.rest_until(later.min());
+            }
+        }
+        self.alarm.stop();
+    }
+
+    /// Takes new requests and the list of viewers; `None` when the scene closes.
+    fn look_at_board(&mut self) -> Option<Vec<Arc<Viewer>>> {
+        let mut board = lock(&self.scene.board);
+        board.news = false;
+        if board.closing {
+            return None;
+        }
+        let jobs = std::mem::take(&mut board.requests);
+        let viewers = board.viewers.clone();
+        drop(board);
+        let workshop = &self.scene.workshop;
+        self.drawings.extend(jobs.into_iter().map(|job| Drawing::begin(job, workshop)));
+        Some(viewers)
+    }
+
+    fn rest_until(&self, later: Option<Instant>) {
+        let mut board = lock(&self.scene.board);
+        while !board.news && !board.closing {
+            match later.map(|at| at.saturating_duration_since(Instant::now())) {
+                Some(Duration::ZERO) => return,
+                Some(wait) => {
+                    board =
+                        self.scene.wake.wait_timeout(board, wait).unwrap_or_else(PoisonError::into_inner).0;
+                }
+                None => board = self.scene.wake.wait(board).unwrap_or_else(PoisonError::into_inner),
+            }
+        }
+    }
+
+    /// Answers what is done and drops what nobody waits for.
+    fn settle_drawings(&mut self) {
+        let mut index = 0;
+        while let Some(drawing) = self.drawings.get_mut(index) {
+            if !drawing.is_given_up() && !drawing.is_done() {
+                index += 1;
+                continue;
+            }
+            let drawing = self.drawings.swap_remove(index);
+            lock(&self.scene.board).requests_open -= 1;
+            if !drawing.is_given_up() {
+                self.scene.workshop.drawing_pool.spawn(move || drawing.finish());
+            }
+        }
+    }
+
+    fn task_of(&self, viewer: &Viewer, wish: &Wish, snapshot: &Snapshot) -> Task {
+        // A stalled viewer holds the newest picture it asked for: there is nothing to add until it acknowledges.
+        if viewer.stalled_with() == Some(wish.camera_count) {
+            return Task::Nothing;
+        }
+        let film = self.films.get(&viewer.id());
+        let rate = wish.quality.frames_per_second_max.min(self.scene.workshop.config.frames_per_second);
+        let earliest = |film: &ViewerFilm| {
+            // At most a day, for rates near zero.
+            let interval = Duration::from_secs_f64((1.0 / f64::from(rate)).min(86_400.0));
+            film.shown.map(|shown| shown.at + interval).filter(|at| *at > Instant::now())
+        };
+        let Some(film) = film else { return Task::Start };
+        let task = match (&film.layer, film.key == self.key_of(wish, snapshot, Some(film))) {
+            (Some(layer), true) => film.next(layer, wish, snapshot, self.scene.workshop.config.samples_max),
+            _ => Task::Start,
+        };
+        match (task, earliest(film)) {
+            (Task::Start | Task::Resend, Some(at)) => Task::Later(at),
+            (task, _) => task,
+        }
+    }
+
+    fn key_of(&self, wish: &Wish, snapshot: &Snapshot, film: Option<&ViewerFilm>) -> FilmKey {
+        let scene = snapshot.world.scene();
+        let view = match &wish.camera.view {
+            // The session has looked at it already.
+            View::Pose(pose) => convert::view_of_pose(pose).ok(),
+            View::Camera(name) => scene.camera_view(Some(name.as_str())),
+        };
+        // Who watches through a camera that was removed keeps the last pose.
+        let view = view.or(film.map(|film| film.key.view)).unwrap_or_else(|| scene.default_view());
+        FilmKey {
+            view,
+            full: wish.camera.size,
+            indirect: wish.indirect,
+            bounces_max: wish.bounces_max,
+            light_revision: snapshot.light_revision,
+        }
+    }
+
+    /// Does the most urgent piece of work; false if there was none.
+    fn work_one_round(&mut self, tasks: &[(Arc<Viewer>, Option<Wish>, Task)], snapshot: &Snapshot) -> bool {
+        let mut worked = false;
+        for (viewer, wish, task) in tasks {
+            if let (Some(wish), Task::Resend) = (wish, task) {
+                self.with_film(viewer, |painter, film| painter.offer(viewer, film, wish, snapshot));
+                worked = true;
+            }
+        }
+        let refining: Vec<usize> = (0..tasks.len()).filter(|index| tasks[*index].2 == Task::Refine).collect();
+        let waiting = refining.len() + self.drawings.len();
+        let starting = tasks.iter().filter(|(_, _, task)| *task == Task::Start);
+        let active = waiting + starting.clone().count();
+        // Who was shown something longest ago, or never.
+        let first = starting.min_by_key(|(viewer, _, _)| {
+            self.films.get(&viewer.id()).and_then(|film| film.shown).map(|shown| shown.at)
+        });
+        let moving = first.is_some();
+        if let Some((viewer, Some(wish), _)) = first
+            && !(self.slice_owed && waiting > 0)
+        {
+            self.start(viewer, wish, snapshot, active);
+            self.slice_owed = true;
+            return true;
+        }
+        if waiting == 0 {
+            return worked;
+        }
+        self.slice_owed = false;
+        let cut = match (moving, active) {
+            // The slice of those who wait while another one moves: news may not take it away.
+            (true, _) => Cut { interruptible: false, after: Some(self.quick_pass(active)) },
+            (false, 1) => Cut { interruptible: true, after: None },
+            (false, _) => Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) },
+        };
+        self.turn = (self.turn + 1) % waiting;
+        match refining.get(self.turn) {
+            Some(index) => {
+                if let (viewer, Some(wish), _) = &tasks[*index] {
+                    self.with_film(viewer, |painter, film| {
+                        painter.refine(viewer, film, wish, snapshot, cut);
+                    });
+                }
+            }
+            None => self.draw(self.turn - refining.len(), cut),
+        }
+        true
+    }
+
+    /// Time for a quick pass when so many share the machine.
+    fn quick_pass(&self, active: usize) -> Duration {
+        // 8 ms at least: below, packing and sending would cost more than drawing.
+        let milliseconds = self.scene.workshop.config.moving_pass_ms / active.max(1) as f64;
+        Duration::from_secs_f64(milliseconds.max(8.0) * 1e-3)
+    }
+
+    /// Takes a viewer's film out of the list while something is done with it.
+    fn with_film(&mut self, viewer: &Viewer, work: impl FnOnce(&mut Painter, &mut ViewerFilm)) {
+        if let Some(mut film) = self.films.remove(&viewer.id()) {
+            work(self, &mut film);
+            self.films.insert(viewer.id(), film);
+        }
+    }
+
+    /// The first pass after a change of camera, size or scene.
+    fn start(&mut self, viewer: &Viewer, wish: &Wish, snapshot: &Snapshot, active: usize) {
+        let mut film = match self.films.remove(&viewer.id()) {
+            Some(film) => film,
+            None => ViewerFilm::new(self.key_of(wish, snapshot, None), self.speed),
+        };
+        let key = self.key_of(wish, snapshot, Some(&film));
+        if film.key != key || film.layer.is_none() {
+            film.restart(key);
+            viewer.restart_curve();
+        }
+        let budget = self.quick_pass(active);
+        let fitting = self.speed.divisor_within(key.full, budget.as_secs_f64());
+        film.divisor_min = self.finest_divisor(key.full);
+        let divisor = fitting.max(film.divisor_min);
+        match self.layer(&film, snapshot, wish, divisor) {
+            Ok(mut layer) => {
+                let coarsest = scaled(key.full, divisor) == scaled(key.full, divisor * 2) || divisor >= 16;
+                let after = (!coarsest).then(|| budget.mul_f64(OVERRUN));
+                let complete =
+                    self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
+                if complete {
+                    film.layer = Some(layer);
+                    self.offer(viewer, &mut film, wish, snapshot);
+                }
+            }
+            Err(problem) => viewer.set_problem(problem),
+        }
+        self.films.insert(viewer.id(), film);
+    }
+
+    /// The finest divisor whose film fits into the memory that all films may take.
+    fn finest_divisor(&self, full: Size) -> u32 {
+        let config = &self.scene.workshop.config;
+        let taken = self.scene.workshop.metrics.film_bytes.value();
+        let limit = i64::try_from(config.film_bytes).unwrap_or(i64::MAX);
+        let fits = |divisor: &u32| {
+            let [width, height] = scaled(full, *divisor);
+            taken.saturating_add(film_bytes(usize::from(width) * usize::from(height))) <= limit
+        };
+        rungs(1).find(fits).unwrap_or(16)
+    }
+
+    fn layer(
+        &self,
+        film: &ViewerFilm,
+        snapshot: &Snapshot,
+        wish: &Wish,
+        divisor: u32,
+    ) -> Result<Layer, Problem> {
+        let size = scaled(film.key.full, divisor);
+        let picture = PictureSize::new(size[0].into(), size[1].into())
+            .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?;
+        let settings = RenderSettings {
+            indirect: wish.indirect,
+            bounces_max: wish.bounces_max,
+            seed: self.scene.workshop.config.seed,
+        };
+        Ok(Layer {
+            rendering: Rendering::new(snapshot.world.clone(), film.key.view, picture, settings),
+            divisor,
+            size,
+            _memory: FilmMemory::of(&self.scene.workshop, picture),
+        })
+    }
+
+    /// One more pass of the present film, or of the next rung's.
+    fn refine(&mut self, viewer: &Viewer, film: &mut ViewerFilm, wish: &Wish, snapshot: &Snapshot, cut: Cut) {
+        let Some(mut layer) = film.layer.take() else { return };
+        if layer.divisor > film.divisor_min {
+            let divisor = film.climb.take().map_or_else(
+                || {
+                    let above = self.speed.divisor_above(film.key.full, layer.divisor);
+                    self.layer(film, snapshot, wish, above.max(film.divisor_min))
+                },
+                Ok,
+            );
+            film.layer = Some(layer);
+            let Ok(mut next) = divisor else { return };
+            if self.pass(&mut next.rendering, film, cut) {
+                film.layer = Some(next);
+                film.offer_at_passes = 0;
+                self.offer(viewer, film, wish, snapshot);
+            } else {
+                film.climb = Some(next);
+            }
+            return;
+        }
+        let complete = self.pass(&mut layer.rendering, film, cut);
+        let due = film.is_due(&layer);
+        film.layer = Some(layer);
+        if complete && due {
+            self.offer(viewer, film, wish, snapshot);
+        }
+    }
+
+    fn draw(&mut self, index: usize, cut: Cut) {
+        if index >= self.drawings.len() {
+            return;
+        }
+        let mut drawing = self.drawings.swap_remove(index);
+        let left = drawing.deadline().map(|at| at.saturating_duration_since(Instant::now()));
+        let after = match (cut.after, left) {
+            (Some(after), Some(left)) => Some(after.min(left)),
+            (after, left) => after.or(left),
+        };
+        self.step(&mut drawing.rendering, Cut { after, ..cut });
+        self.drawings.push(drawing);
+    }
+
+    /// A pass of a viewer's film; true if it is whole.
+    fn pass(&mut self, rendering: &mut Rendering, film: &mut ViewerFilm, cut: Cut) -> bool {
+        let before = rendering.counts();
+        let (complete, samples, seconds) = self.step(rendering, cut);
+        film.speed.measure(samples, seconds);
+        if seconds > 1e-3 {
+            let counts = rendering.counts();
+            let rays = counts.rays + counts.shadow_rays - before.rays - before.shadow_rays;
+            film.rays_per_second = rays as f64 / seconds;
+        }
+        complete
+    }
+
+    /// A pass of any film: whether it is whole, samples drawn, seconds.
+    fn step(&mut self, rendering: &mut Rendering, cut: Cut) -> (bool, u64, f64) {
+        self.scene.cancel.store(false, SeqCst);
+        self.scene.interruptible.store(cut.interruptible, SeqCst);
+        // News that came before the line above saw nothing to interrupt: look at it first.
+        let board = lock(&self.scene.board);
+        if board.closing || (cut.interruptible && board.news) {
+            return (false, 0, 0.0);
+        }
+        drop(board);
+        let metrics = &self.scene.workshop.metrics;
+        let (samples_before, counts_before) = (rendering.film().sample_count(), rendering.counts());
+        let started = Instant::now();
+        self.alarm.set(cut.after.map(|after| started + after));
+        let scene = &self.scene;
+        let progress = scene.workshop.drawing_pool.install(|| rendering.step(&scene.cancel));
+        self.alarm.set(None);
+        self.scene.interruptible.store(false, SeqCst);
+        let seconds = started.elapsed().as_secs_f64();
+        let samples = rendering.film().sample_count() - samples_before;
+        let counts = rendering.counts();
+        if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
+        metrics.samples.add(samples);
+        metrics.rays.add(counts.rays + counts.shadow_rays - counts_before.rays - counts_before.shadow_rays);
+        metrics.render_us.add((seconds * 1e6) as u64);
+        self.speed.measure(samples, seconds);
+        (progress.complete, samples, seconds)
+    }
+
+    /// Packs the present picture and puts it where the session finds it.
+    fn offer(&mut self, viewer: &Viewer, film: &mut ViewerFilm, wish: &Wish, snapshot: &Snapshot) {
+        let Some(layer) = &film.layer else { return };
+        let rendering = &layer.rendering;
+        let passes = rendering.passes();
+        film.measured = rendering.film().measured_error();
+        let converged = film.has_converged(layer, wish, self.scene.workshop.config.samples_max);
+        let codec = frames::codec(wish.quality.codec, converged);
+        let (packer, picture) = (&mut film.packer, rendering.film());
+        let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(picture, &wish.quality, codec));
+        let payload = match packed {
+            Ok(payload) => payload,
+            Err(error) => {
+                viewer.set_problem(Problem::new(ProblemKind::Internal, error.to_string()));
+                return;
+            }
+        };
+        let error = film.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite());
+        let header = FrameHeader {
+            kind: PayloadKind::Frame,
+            codec,
+            converged,
+            first_from_stamp: false,
+            revision: snapshot.revision,
+            frame: 0,
+            camera_stamp: wish.camera.stamp,
+            size: layer.size,
+            full_size: film.key.full,
+            offset: [0, 0],
+            error,
+            samples: passes,
+            age_us: 0,
+        };
+        film.offer_at_passes = passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1);
+        film.shown = Some(Shown {
+            camera_count: wish.camera_count,
+            quality_count: wish.quality_count,
+            revision: snapshot.revision,
+            converged,
+            at: Instant::now(),
+        });
+        viewer.set_stats(film.stats(layer, wish, snapshot.revision));
+        viewer.push_point(film.point(layer, wish, snapshot.revision));
+        let (camera_received, camera_count) = (wish.received, wish.camera_count);
+        if viewer.offer(Picture { header, payload, camera_received, camera_count }) {
+            self.scene.workshop.metrics.frames_skipped.one();
+        }
+    }
+}
+
+impl ViewerFilm {
+    fn new(key: FilmKey, speed: Speed) -> ViewerFilm {
+        ViewerFilm {
+            key,
+            started: Instant::now(),
+            layer: None,
+            climb: None,
+            divisor_min: 1,
+            shown: None,
+            offer_at_passes: 0,
+            measured: None,
+            packer: Packer::default(),
+            speed,
+            rays_per_second: 0.0,
+        }
+    }
+
+    /// Begins anew; the tables and the memory of what was shown stay.
+    fn restart(&mut self, key: FilmKey) {
+        self.key = key;
+        self.started = Instant::now();
+        self.layer = None;
+        self.climb = None;
+        self.offer_at_passes = 0;
+        self.measured = None;
+    }
+
+    /// What comes next for a film whose key still holds.
+    fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, samples_max: u32) -> Task {
+        let converged = self.has_converged(layer, wish, samples_max);
+        let is_news = |shown: &Shown| {
+            shown.camera_count != wish.camera_count
+                || shown.quality_count != wish.quality_count
+                || shown.revision != snapshot.revision
+                || shown.converged != converged
+        };
+        match (&self.shown, converged) {
+            (None, _) => Task::Resend,
+            (Some(shown), _) if is_news(shown) => Task::Resend,
+            (_, true) => Task::Nothing,
+            (_, false) => Task::Refine,
+        }
+    }
+
+    fn has_converged(&self, layer: &Layer, wish: &Wish, samples_max: u32) -> bool {
+        let passes = layer.rendering.passes();
+        let reached = match self.measured {
+            Some(measured) => passes >= PASSES_BELIEVED && measured.error() <= wish.target_error,
+            None => passes >= PASSES_BLACK,
+        };
+        layer.divisor <= self.divisor_min && (reached || passes >= samples_max)
+    }
+
+    /// Whether a refined picture is worth sending.
+    fn is_due(&self, layer: &Layer) -> bool {
+        let since = self.shown.map_or(f64::INFINITY, |shown| shown.at.elapsed().as_secs_f64());
+        let grown = layer.rendering.passes() >= self.offer_at_passes && since >= REFINED_SECONDS_MIN;
+        grown || since >= SENT_SECONDS_MAX
+    }
+
+    fn interval(&self) -> Option<[f32; 2]> {
+        let interval = self.measured?.error_interval_95().map(|bound| bound as f32);
+        interval.iter().all(|bound| bound.is_finite()).then_some(interval)
+    }
+
+    fn stats(&self, layer: &Layer, wish: &Wish, revision: u64) -> Stats {
+        Stats {
+            revision,
+            camera_stamp: wish.camera.stamp,
+            samples: layer.rendering.passes().into(),
+            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
+            error_ci: self.interval(),
+            seconds: self.started.elapsed().as_secs_f64(),
+            rays_per_second: self.rays_per_second,
+            samples_per_second: self.speed.samples_per_second(),
+            frames_sent: 0,
+            frames_skipped: 0,
+            in_flight: 0,
+            technique: wish.technique,
+            film_size: layer.size,
+            scale: f32::from(layer.size[0]) / f32::from(self.key.full[0]),
+        }
+    }
+
+    fn point(&self, layer: &Layer, wish: &Wish, revision: u64) -> ConvergencePoint {
+        ConvergencePoint {
+            seconds: self.started.elapsed().as_secs_f64(),
+            samples: layer.rendering.passes().into(),
+            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
+            error_ci: self.interval(),
+            revision,
+            technique: wish.technique,
+        }
+    }
+}
+
+/// Cuts a pass short at a time: a thread that sleeps until then.
+#[derive(Debug)]
+struct Alarm {
+    shared: Arc<(Mutex<Setting>, Condvar)>,
+}
+
+#[derive(Debug, Default)]
+struct Setting {
+    at: Option<Instant>,
+    stopped: bool,
+}
+
+impl Alarm {
+    fn start(scene: Arc<Scene>) -> Alarm {
+        let shared = Arc::new((Mutex::new(Setting::default()), Condvar::new()));
+        let watched = shared.clone();
+        let work = move || {
+            let (setting, changed) = &*watched;
+            let mut setting = lock(setting);
+            while !setting.stopped {
+                let wait = setting.at.map(|at| at.saturating_duration_since(Instant::now()));
+                setting = match wait {
+                    Some(Duration::ZERO) => {
+                        // Under the lock: once `set` has returned, an older alarm rings no more.
+                        setting.at = None;
+                        scene.cancel.store(true, SeqCst);
+                        setting
+                    }
+                    Some(wait) => {
+                        changed.wait_timeout(setting, wait).unwrap_or_else(PoisonError::into_inner).0
+                    }
+                    None => changed.wait(setting).unwrap_or_else(PoisonError::into_inner),
+                };
+            }
+        };
+        if let Err(error) = std::thread::Builder::new().name("alarm".into()).spawn(work) {
+            // Passes then run to their end: slower to react, not wrong.
+            tracing::error!(%error, "no thread for cutting passes short");
+        }
+        Alarm { shared }
+    }
+
+    fn set(&self, at: Option<Instant>) {
+        let (setting, changed) = &*self.shared;
+        let mut setting = lock(setting);
+        let unchanged = setting.at == at;
+        setting.at = at;
+        drop(setting);
+        if !unchanged {
+            changed.notify_one();
+        }
+    }
+
+    fn stop(&self) {
+        let (setting, changed) = &*self.shared;
+        lock(setting).stopped = true;
+        changed.notify_one();
+    }
+}

@@ -1,0 +1,226 @@
+//! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own.
+
+use super::{Scene, Snapshot, Workshop, lock};
+use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
+use lumicast_engine::film::{Display, PictureSize};
+use lumicast_engine::render::{Indirect, RenderSettings, Rendering};
+use lumicast_engine::scene::CameraView;
+use lumicast_protocol::{Problem, ProblemKind};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
+
+/// File format of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PictureFormat {
+    /// Linear radiance, no tone map.
+    Exr,
+    /// 8-bit sRGB, lossless.
+    Png,
+    /// 8-bit sRGB.
+    Jpeg,
+}
+
+/// When a picture is done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Until {
+    /// At this √relMSE, as a fraction, or at the longest time the server allows.
+    Error(f64),
+    /// After this time.
+    Time(Duration),
+}
+
+/// A picture to draw.
+#[derive(Debug, Clone)]
+pub struct PictureRequest {
+    /// The scene's camera; `None`: the first, or a view of the whole scene.
+    pub camera: Option<String>,
+    /// Pixels; `None`: 640 wide, as high as the camera was composed for.
+    pub size: Option<PictureSize>,
+    /// File format.
+    pub format: PictureFormat,
+    /// When it is done.
+    pub until: Until,
+    /// Tone map and exposure; not for EXR.
+    pub tone_map: lumicast_engine::film::ToneMap,
+    /// Stops.
+    pub exposure_ev: f32,
+}
+
+/// A finished picture.
+#[derive(Debug)]
+pub struct RequestedPicture {
+    /// The file.
+    pub bytes: Vec<u8>,
+    /// Revision of the scene it shows.
+    pub revision: u64,
+    /// Per pixel.
+    pub samples: u32,
+    /// √relMSE as a fraction.
+    pub error: Option<f64>,
+    /// Spent on it.
+    pub seconds: f64,
+}
+
+/// A request on its way to the render thread.
+#[derive(Debug)]
+pub(super) struct Job {
+    view: CameraView,
+    size: PictureSize,
+    request: PictureRequest,
+    snapshot: Arc<Snapshot>,
+    reply: oneshot::Sender<Result<RequestedPicture, EncodeError>>,
+}
+
+/// A request being drawn.
+#[derive(Debug)]
+pub(super) struct Drawing {
+    job: Job,
+    pub(super) rendering: Rendering,
+    pub(super) memory: super::painter::FilmMemory,
+    started: Instant,
+    /// Passes at which the error is measured next: measuring walks the whole film.
+    measure_at: u32,
+    error: Option<f64>,
+    samples_max: u32,
+    deadline: Instant,
+    seed: u64,
+}
+
+impl Scene {
+    /// Draws one picture of the scene as it is now. Dropping the future gives it up.
+    pub async fn draw(&self, request: PictureRequest) -> Result<RequestedPicture, Problem> {
+        let config = &self.workshop.config;
+        let snapshot = self.snapshot();
+        let scene = snapshot.world.scene();
+        let view = match scene.camera_view(request.camera.as_deref()) {
+            Some(view) => view,
+            None if request.camera.is_none() => scene.default_view(),
+            None => {
+                let name = request.camera.unwrap_or_default();
+                let detail = format!("there is no camera {name:?} in scene {:?}", self.id.as_str());
+                return Err(Problem::new(ProblemKind::NotFound, detail).at_field("camera"));
+            }
+        };
+        let size = match request.size {
+            Some(size) => size,
+            None => {
+                let cameras = scene.cameras();
+                let camera = match &request.camera {
+                    Some(name) => cameras.get(name.as_str()),
+                    None => cameras.values().next(),
+                };
+                let aspect = camera.and_then(|camera| camera.aspect).unwrap_or(16.0 / 9.0);
+                let height = (640.0 / aspect).round().clamp(1.0, f64::from(config.picture_height));
+                // Both are in range by the clamp.
+                PictureSize::new(640, height as u32)
+                    .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?
+            }
+        };
+        let (reply, answer) = oneshot::channel();
+        let job = Job { view, size, request, snapshot, reply };
+        {
+            let mut board = lock(&self.board);
+            if board.closing {
+                return Err(self.gone());
+            }
+            if board.requests_open >= config.frame_requests as usize {
+                let detail = format!("{} pictures are being drawn already; try again", board.requests_open);
+                return Err(Problem::new(ProblemKind::Unavailable, detail));
+            }
+            board.requests_open += 1;
+            board.requests.push_back(job);
+            board.news = true;
+        }
+        self.wake.notify_one();
+        match answer.await {
+            Ok(Ok(picture)) => Ok(picture),
+            Ok(Err(error)) => Err(Problem::new(ProblemKind::Internal, error.to_string())),
+            Err(_) => Err(self.gone()),
+        }
+    }
+}
+
+impl Drawing {
+    pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
+        let config = &workshop.config;
+        let settings = RenderSettings { indirect: Indirect::Auto, bounces_max: None, seed: config.seed };
+        let seconds = match job.request.until {
+            Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
+            Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
+        };
+        let started = Instant::now();
+        Drawing {
+            rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
+            memory: super::painter::FilmMemory::of(workshop, job.size),
+            started,
+            measure_at: 2,
+            error: None,
+            samples_max: config.samples_max,
+            deadline: started + seconds,
+            seed: config.seed,
+            job,
+        }
+    }
+
+    /// Whether nobody waits for it any more.
+    pub(super) fn is_given_up(&self) -> bool {
+        self.job.reply.is_closed()
+    }
+
+    /// Latest end of the next pass; none before the first pass is whole.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        (self.rendering.passes() > 0).then_some(self.deadline)
+    }
+
+    /// Whether it is as good as was asked for.
+    pub(super) fn is_done(&mut self) -> bool {
+        let passes = self.rendering.passes();
+        if passes == 0 {
+            return false;
+        }
+        if passes >= self.measure_at {
+            self.measure_at = passes + passes.div_ceil(4);
+            self.error = self.rendering.film().measured_error().map(|measured| measured.error());
+            if let (Until::Error(target), Some(error)) = (self.job.request.until, self.error)
+                // Eight passes: four in each half, the least that says something about the spread.
+                && passes >= 8 && error <= target
+            {
+                return true;
+            }
+        }
+        passes >= self.samples_max || Instant::now() >= self.deadline
+    }
+
+    /// Packs and answers; takes up to a second for a large EXR, so not on the render thread.
+    pub(super) fn finish(self) {
+        let Drawing { job, rendering, started, seed, memory: _memory, .. } = self;
+        let film = rendering.film();
+        let measured = film.measured_error();
+        let error = measured.map(|measured| measured.error());
+        let request = &job.request;
+        let shown = || Display::new(request.tone_map, request.exposure_ev).show_all(&film.radiance());
+        let seconds = started.elapsed().as_secs_f64();
+        let bytes = match request.format {
+            PictureFormat::Png => images::png_small(&shown(), job.size),
+            PictureFormat::Jpeg => images::jpeg(&shown(), job.size, JpegQuality::FILE),
+            PictureFormat::Exr => {
+                let facts = PictureFacts {
+                    revision: job.snapshot.revision,
+                    seed,
+                    samples_per_pixel: rendering.passes(),
+                    technique: rendering.card().name,
+                    error,
+                    error_ci: measured.map(|measured| measured.error_interval_95()),
+                    seconds: Some(seconds),
+                };
+                images::encode_exr(film, ExrLayers::Plain, &facts)
+            }
+        };
+        let revision = job.snapshot.revision;
+        let samples = rendering.passes();
+        // Who asked may have gone in the meantime.
+        let _ =
+            job.reply.send(bytes.map(|bytes| RequestedPicture { bytes, revision, samples, error, seconds }));
+    }
+}
