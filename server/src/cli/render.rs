@@ -30,7 +30,7 @@ use lumicast_engine::{
 use super::{CliError, output::print_line, scene_source::LoadedScene};
 use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_small, write_file};
 use alarm::Alarm;
-pub use arguments::{Backend, OutputFormat, RenderArgs, default_size, find_camera};
+pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
 use interrupt::Interrupt;
 use progress::Progress;
 use snapshots::Snapshots;
