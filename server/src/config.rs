@@ -317,10 +317,18 @@ impl Config {
             return bad(key, &value, "at least 1");
         }
         if self.head_bytes < 8192 {
-            return bad("head_bytes", &self.head_bytes, "at least 8192, the smallest that the HTTP reader takes");
+            return bad(
+                "head_bytes",
+                &self.head_bytes,
+                "at least 8192, the smallest that the HTTP reader takes",
+            );
         }
         if self.frames_in_flight > 16 {
-            return bad("frames_in_flight", &self.frames_in_flight, "1 to 16: more only makes pictures older");
+            return bad(
+                "frames_in_flight",
+                &self.frames_in_flight,
+                "1 to 16: more only makes pictures older",
+            );
         }
         let durations =
             [("frame_seconds_max", self.frame_seconds_max), ("frame_seconds", self.frame_seconds)];
@@ -359,8 +367,8 @@ fn table_of(config: &Config) -> toml::Table {
 
 fn overlay_file(table: &mut toml::Table, path: &Path) -> Result<(), ConfigError> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path)
-        .map_err(|source| ConfigError::Read { path: name.clone(), source })?;
+    let text =
+        std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: name.clone(), source })?;
     let given: toml::Table = text.parse().map_err(|error: toml::de::Error| ConfigError::Syntax {
         path: name.clone(),
         reason: error.to_string(),
@@ -433,10 +441,12 @@ mod tests {
     #[test]
     fn flags_win_over_environment_over_file_over_defaults() {
         let toml = "threads = 1\nseed = 1\nmessage_bytes = 1";
-        let config = load(toml, &[("LUMICAST_THREADS", "2"), ("LUMICAST_SEED", "2")], &[("seed", "3")]).unwrap();
+        let config =
+            load(toml, &[("LUMICAST_THREADS", "2"), ("LUMICAST_SEED", "2")], &[("seed", "3")]).unwrap();
         assert_eq!((config.seed, config.threads, config.message_bytes), (3, 2, 1));
         assert_eq!(config.body_bytes, Config::default().body_bytes);
-        let origins = load("", &[("LUMICAST_ALLOW_ORIGINS", "http://a, http://b")], &[]).unwrap().allow_origins;
+        let origins =
+            load("", &[("LUMICAST_ALLOW_ORIGINS", "http://a, http://b")], &[]).unwrap().allow_origins;
         assert_eq!(origins, ["http://a", "http://b"]);
         // A whole number will do where a fraction is expected.
         assert_eq!(load("frame_seconds = 3", &[], &[]).unwrap().frame_seconds, 3.0);

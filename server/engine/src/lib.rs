@@ -2,10 +2,11 @@
 //!
 //! The engine knows nothing of network, async, files or user interfaces, and holds no global state.
 //! Its rooms stand in one row and import to the left only:
-//! `math ← scene ← accel ← transport ← film ← technique ← render`.
+//! `math ← scene ← accel ← transport ← film ← technique ← effects ← render`.
 //! Sources are cited by key (`[Veach1997]`); the keys are listed in `SOURCES.md` beside this crate.
 
 pub mod accel;
+pub mod effects;
 pub mod film;
 pub mod math;
 pub mod render;

@@ -69,6 +69,18 @@ pub enum AssetError {
         /// What is wrong, and what to do.
         problem: String,
     },
+    /// A file that the scene refers to and that is not there or cannot be read.
+    #[error("{file}: {object}: uri {uri:?} cannot be read: {source}")]
+    Missing {
+        /// The file.
+        file: String,
+        /// Who refers to it.
+        object: String,
+        /// The address, cut to 200 characters.
+        uri: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The scene builder refused a value.
     #[error("{file}: {source}")]
     Scene {
@@ -86,7 +98,7 @@ impl AssetError {
             AssetError::Bad { field, .. } => Some(field),
             AssetError::OverLimit { what, .. } => Some(what),
             AssetError::RequiredExtension { .. } => Some("extensionsRequired"),
-            AssetError::Uri { .. } => Some("uri"),
+            AssetError::Uri { .. } | AssetError::Missing { .. } => Some("uri"),
             AssetError::Scene { source, .. } => source.field(),
             AssetError::Read { .. } | AssetError::UnknownKind { .. } => None,
         }
@@ -101,6 +113,7 @@ impl AssetError {
             | AssetError::OverLimit { file, .. }
             | AssetError::RequiredExtension { file, .. }
             | AssetError::Uri { file, .. }
+            | AssetError::Missing { file, .. }
             | AssetError::Scene { file, .. } => {
                 if file.is_empty() {
                     *file = name.into();

@@ -40,25 +40,25 @@ impl Folder {
 
     /// Reads the file at the relative, already percent-decoded address `uri`, asked for by `object`.
     pub(in crate::assets) fn read(&mut self, object: &str, uri: &str) -> Result<Vec<u8>, AssetError> {
-        let refuse = |problem: String| AssetError::Uri {
+        let short = || uri.chars().take(200).collect::<String>();
+        let refuse = |problem: &str| AssetError::Uri {
             file: String::new(),
             object: object.into(),
-            uri: uri.chars().take(200).collect(),
-            problem,
+            uri: short(),
+            problem: problem.into(),
         };
-        let path = relative(uri).map_err(|problem| refuse(problem.into()))?;
+        let missing =
+            |source| AssetError::Missing { file: String::new(), object: object.into(), uri: short(), source };
+        let path = relative(uri).map_err(refuse)?;
         let Some(root) = &self.root else {
-            let problem =
-                "names a file beside the scene, but the scene came without a folder: use .glb or data URIs";
-            return Err(refuse(problem.into()));
+            return Err(refuse("names a file, but the scene came without a folder: use .glb or data URIs"));
         };
-        let path =
-            root.join(path).canonicalize().map_err(|error| refuse(format!("cannot be read: {error}")))?;
+        let path = root.join(path).canonicalize().map_err(missing)?;
         if !path.starts_with(root) {
-            return Err(refuse("leads out of the scene's folder through a link: copy the file there".into()));
+            return Err(refuse("leads out of the scene's folder through a link: copy the file there"));
         }
         let bytes = match read_file(&path, self.bytes_max - self.bytes_taken, "buffers_bytes_max") {
-            Err(AssetError::Read { source, .. }) => return Err(refuse(format!("cannot be read: {source}"))),
+            Err(AssetError::Read { source, .. }) => return Err(missing(source)),
             other => other?,
         };
         self.bytes_taken += bytes.len() as u64;

@@ -14,7 +14,8 @@ pub struct AssetLimits {
     /// and the text, which is read twice, stays small beside the scene.
     pub json_bytes_max: u64,
     /// Values in a glTF file's JSON. Default 4 million: 100,000 nodes with full matrices need 2.5 million.
-    /// A parsed value takes up to 400 bytes, so this bounds the memory that hostile JSON can ask for.
+    /// A parsed value takes up to some 100 bytes (nodes and materials, which take more, are counted first),
+    /// so this bounds the memory that hostile JSON can ask for.
     pub json_values_max: u64,
     /// Texels of one image, known from its header. Default 67 million (8192²): 256 MiB decoded.
     pub image_pixels_max: u64,

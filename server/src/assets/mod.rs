@@ -7,10 +7,12 @@
 //! Imports the engine's `scene` room only.
 
 mod error;
+mod export;
 mod folder;
 mod gltf;
 mod limits;
 mod names;
+mod obj;
 mod pictures;
 #[cfg(test)]
 mod tests;
@@ -20,6 +22,7 @@ use std::path::Path;
 use lumicast_engine::scene::{Id, Scene, SceneBuilder};
 
 pub use error::AssetError;
+pub use export::export_glb;
 pub use limits::AssetLimits;
 
 use folder::Folder;
@@ -50,6 +53,8 @@ fn load_file(path: &Path, limits: &AssetLimits) -> Result<Scene, AssetError> {
         if let Some(environment) = environment {
             builder.set_environment(environment)?;
         }
+    } else if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("obj")) {
+        obj::import(bytes, path, folder, &mut builder, limits)?;
     } else {
         return Err(AssetError::UnknownKind { file: String::new() });
     }

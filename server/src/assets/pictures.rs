@@ -28,7 +28,10 @@ pub(in crate::assets) struct Picture {
 
 /// The size that the header of a PNG or JPEG states.
 pub(in crate::assets) fn size(bytes: &[u8]) -> Result<Size, String> {
-    let (width, height) = decoder(bytes, Limits::default())?.dimensions();
+    let mut limits = Limits::default();
+    // Room for the tables and texts in front of the texels, which may be packed.
+    limits.max_alloc = Some(64 << 20);
+    let (width, height) = decoder(bytes, limits)?.dimensions();
     if width == 0 || height == 0 {
         return Err(format!("is {width}×{height}: a picture has at least one texel"));
     }

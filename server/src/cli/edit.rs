@@ -93,7 +93,9 @@ fn edits_uri(url: &str) -> Result<Uri, String> {
     match uri.scheme_str() {
         Some("http") if uri.path().starts_with("/v1/scenes/") => Ok(uri),
         Some("http") => Err(format!("{url:?} names no scene: http://HOST:PORT/v1/scenes/ID is expected")),
-        Some("https") => Err("https is the proxy's: send to the server behind it over http, or use curl".into()),
+        Some("https") => {
+            Err("https is the proxy's: send to the server behind it over http, or use curl".into())
+        }
         _ => Err(format!("{url:?} does not begin with http://")),
     }
 }

@@ -3,10 +3,17 @@
 //! Exit codes: 0 done, 1 it failed (one line on standard error says why), 2 the command line cannot be read.
 
 mod edit;
+pub mod error;
+pub mod info;
+pub mod render;
+pub mod scene_source;
 mod serve;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+
+use error::CliError;
+use scene_source::SceneSource;
 
 /// Interactive global-illumination server.
 ///
@@ -26,22 +33,30 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Sends a batch of edits to a server.
     Edit(edit::EditArgs),
+    Render(render::RenderArgs),
+    Info(info::InfoArgs),
 }
 
 impl Arguments {
     /// Does what was asked.
     pub fn run(self) -> ExitCode {
         let done = match self.command {
-            None => self.serve.run(),
-            Some(Command::Serve(arguments)) => arguments.run(),
-            Some(Command::Edit(arguments)) => arguments.run(),
+            None => self.serve.run().map_err(|error| (error.to_string(), 1)),
+            Some(Command::Serve(arguments)) => arguments.run().map_err(|error| (error.to_string(), 1)),
+            Some(Command::Edit(arguments)) => arguments.run().map_err(|error| (error.to_string(), 1)),
+            Some(Command::Render(arguments)) => render::run(arguments).map_err(with_code),
+            Some(Command::Info(arguments)) => info::run(arguments).map_err(with_code),
         };
         match done {
             Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                eprintln!("lumicast: {error}");
-                ExitCode::FAILURE
+            Err((message, code)) => {
+                eprintln!("lumicast: {message}");
+                ExitCode::from(code)
             }
         }
     }
+}
+
+fn with_code(error: CliError) -> (String, u8) {
+    (error.to_string(), error.exit_code())
 }

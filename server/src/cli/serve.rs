@@ -166,7 +166,10 @@ fn announce(address: SocketAddr, scenes: &Scenes) {
     println!("  In a browser       http://{address}/");
     println!("  The viewer         lumicast-viewer http://{address}");
     if let Some(scene) = list.first() {
-        println!("  A picture          curl -o picture.png 'http://{address}/v1/scenes/{}/frame?time=2'", scene.id);
+        println!(
+            "  A picture          curl -o picture.png 'http://{address}/v1/scenes/{}/frame?time=2'",
+            scene.id
+        );
         println!(
             "  An edit            curl -H 'content-type: application/json' -d '[{{\"op\":\"set_environment\",\"kind\":\"constant\",\"radiance\":[0.2,0.3,0.5]}}]' http://{address}/v1/scenes/{}/edits",
             scene.id

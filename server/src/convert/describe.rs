@@ -26,16 +26,11 @@ pub fn describe(
         warnings: scene
             .warnings()
             .iter()
-            .map(|warning| wire::Warning {
-                object: warning.object.clone(),
-                message: warning.message.clone(),
-            })
+            .map(|warning| wire::Warning { object: warning.object.clone(), message: warning.message.clone() })
             .collect(),
         nodes: nodes(scene),
         meshes: meshes(scene),
-        materials: sorted(scene.materials().keys())
-            .map(|id| material(id, &scene.materials()[id]))
-            .collect(),
+        materials: sorted(scene.materials().keys()).map(|id| material(id, &scene.materials()[id])).collect(),
         lights: sorted(scene.lights().keys()).map(|id| light(id, &scene.lights()[id])).collect(),
         cameras: cameras(scene),
         environment: environment(scene),
@@ -81,9 +76,7 @@ fn nodes(scene: &Scene) -> Vec<wire::NodeDescription> {
     let describe = |(id, node): (&Id, &lumicast_engine::scene::Node)| wire::NodeDescription {
         id: wire_id(id),
         parent: node.parent.as_ref().map(wire_id),
-        transform: wire::Transform::Matrix(
-            glam::DMat4::from(node.parent_from_node).to_cols_array(),
-        ),
+        transform: wire::Transform::Matrix(glam::DMat4::from(node.parent_from_node).to_cols_array()),
         mesh: node.mesh.as_ref().map(wire_id),
     };
     scene.nodes().iter().map(describe).collect()
@@ -181,8 +174,7 @@ pub(super) fn light_source(light: &Light) -> wire::LightSource {
 
 fn cameras(scene: &Scene) -> Vec<wire::CameraDescription> {
     let describe = |(id, camera): (&Id, &lumicast_engine::scene::Camera)| {
-        let world_from_camera =
-            scene.world_from_node(camera.parent.as_ref()) * camera.parent_from_camera;
+        let world_from_camera = scene.world_from_node(camera.parent.as_ref()) * camera.parent_from_camera;
         wire::CameraDescription {
             id: wire_id(id),
             parent: camera.parent.as_ref().map(wire_id),
@@ -242,9 +234,8 @@ pub fn effects(world: &World, revision: u64) -> wire::Effects {
     let scene = world.scene();
     let materials = || scene.materials().values();
     let emissive = emissive_triangles(scene);
-    let smooth = materials()
-        .filter(|m| (m.metallic > 0.0 && m.roughness < 0.2) || m.transmission > 0.0)
-        .count();
+    let smooth =
+        materials().filter(|m| (m.metallic > 0.0 && m.roughness < 0.2) || m.transmission > 0.0).count();
     let glossy = materials().filter(|m| m.metallic > 0.0 || m.specular > 0.0).count();
     let has_environment = !matches!(scene.environment(), Environment::None);
     let lit = emissive > 0 || !scene.lights().is_empty() || has_environment;
@@ -261,7 +252,9 @@ pub fn effects(world: &World, revision: u64) -> wire::Effects {
             lit && smooth > 0,
             match smooth {
                 0 => "no surface is smooth enough to focus light".to_string(),
-                count => format!("{count} materials are smooth metal or transmit; path tracing finds their light"),
+                count => {
+                    format!("{count} materials are smooth metal or transmit; path tracing finds their light")
+                }
             },
         ),
         ("specular", glossy > 0 || smooth > 0, format!("{glossy} materials have a specular lobe")),

@@ -37,8 +37,11 @@ pub struct Applied {
 /// Applies a batch to a copy of the scene: all of it, or a problem that names the first edit at fault.
 pub fn apply(scene: &Scene, edits: &[Edit], limits: &EditLimits) -> Result<Applied, Problem> {
     if edits.is_empty() {
-        return Err(Problem::new(ProblemKind::EditRefused, "the batch holds no edits; it would change nothing")
-            .at_field("edits"));
+        return Err(Problem::new(
+            ProblemKind::EditRefused,
+            "the batch holds no edits; it would change nothing",
+        )
+        .at_field("edits"));
     }
     if edits.len() > limits.edits_per_batch {
         let detail =
@@ -49,8 +52,7 @@ pub fn apply(scene: &Scene, edits: &[Edit], limits: &EditLimits) -> Result<Appli
     for (op_index, edit) in edits.iter().enumerate() {
         apply_one(&mut builder, edit, limits).map_err(|refusal| {
             let detail = format!("edits[{op_index}] ({}): {}", edit.op_name(), refusal.reason);
-            let problem =
-                Problem::new(ProblemKind::EditRefused, detail).at_op(op_index, edit.op_name());
+            let problem = Problem::new(ProblemKind::EditRefused, detail).at_op(op_index, edit.op_name());
             match refusal.field {
                 Some(field) => problem.at_field(field),
                 None => problem,
@@ -244,11 +246,7 @@ fn set_environment(builder: &mut SceneBuilder, edit: &SetEnvironment) -> Result<
             let texture = environment_texture(image)?;
             let texture_id = free_texture_id(builder.scene());
             builder.add_texture(texture_id.clone(), texture)?;
-            Environment::Image {
-                texture: texture_id,
-                scale: Rgb::splat(*scale),
-                rotation_rad: *rotation_rad,
-            }
+            Environment::Image { texture: texture_id, scale: Rgb::splat(*scale), rotation_rad: *rotation_rad }
         }
     };
     Ok(builder.set_environment(environment)?)
@@ -287,11 +285,11 @@ fn free_texture_id(scene: &Scene) -> lumicast_engine::scene::Id {
 }
 
 fn load_gltf(builder: &mut SceneBuilder, edit: &LoadGltf, limits: &AssetLimits) -> Result<(), Refusal> {
-    let placement =
-        assets::GltfPlacement { parent: edit.parent.as_ref().map(id), prefix: Some(edit.prefix.clone()).filter(|prefix| !prefix.is_empty()) };
-    assets::load_gltf_bytes(&edit.data, builder, placement, limits).map_err(|error| Refusal {
-        field: Some("data".into()),
-        reason: error.to_string(),
-    })?;
+    let placement = assets::GltfPlacement {
+        parent: edit.parent.as_ref().map(id),
+        prefix: Some(edit.prefix.clone()).filter(|prefix| !prefix.is_empty()),
+    };
+    assets::load_gltf_bytes(&edit.data, builder, placement, limits)
+        .map_err(|error| Refusal { field: Some("data".into()), reason: error.to_string() })?;
     Ok(())
 }

@@ -51,7 +51,10 @@ fn affine(transform: &wire::Transform, field: &'static str) -> Result<DAffine3, 
             let length = rotation.length();
             // One part in a thousand: what survives of a unit quaternion written with four digits.
             if !((length - 1.0).abs() <= 1e-3) {
-                return refuse(field, format!("the rotation has length {length}, but must be a unit quaternion"));
+                return refuse(
+                    field,
+                    format!("the rotation has length {length}, but must be a unit quaternion"),
+                );
             }
             Ok(DAffine3::from_scale_rotation_translation(
                 DVec3::from(*scale),
@@ -94,11 +97,10 @@ pub fn view_of_pose(pose: &wire::CameraPose) -> Result<scene::CameraView, wire::
     };
     let world_from_camera = affine(&matrix, "pose.matrix").map_err(|error| bad(error.reason))?;
     let axes = world_from_camera.matrix3;
-    let sound = [axes.x_axis, axes.y_axis, axes.z_axis]
-        .iter()
-        .all(|axis| (1e-6..=1e6).contains(&axis.length()));
-    let volume = axes.determinant().abs()
-        / (axes.x_axis.length() * axes.y_axis.length() * axes.z_axis.length());
+    let sound =
+        [axes.x_axis, axes.y_axis, axes.z_axis].iter().all(|axis| (1e-6..=1e6).contains(&axis.length()));
+    let volume =
+        axes.determinant().abs() / (axes.x_axis.length() * axes.y_axis.length() * axes.z_axis.length());
     if !(sound && volume > 1e-6) {
         return Err(bad("singular, or scaled beyond reason: a camera's axes have length 1".into()));
     }

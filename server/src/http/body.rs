@@ -12,11 +12,13 @@ use std::time::Duration;
 pub(super) async fn read(body: Body, headers: &HeaderMap, config: &Config) -> Result<Vec<u8>, HttpProblem> {
     let limit = config.body_bytes;
     let too_large = |bytes: &dyn std::fmt::Display| {
-        HttpProblem::new(ProblemKind::TooLarge, format!("the body has {bytes} bytes; at most {limit} are taken"))
+        HttpProblem::new(
+            ProblemKind::TooLarge,
+            format!("the body has {bytes} bytes; at most {limit} are taken"),
+        )
     };
-    let announced = headers
-        .get(header::CONTENT_LENGTH)
-        .and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    let announced =
+        headers.get(header::CONTENT_LENGTH).and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
     if let Some(bytes) = announced.filter(|bytes| *bytes > limit) {
         return Err(too_large(&bytes));
     }

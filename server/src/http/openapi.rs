@@ -4,9 +4,7 @@
 //! protocol's types stand in `schemas.json`, because several of them read more than one JSON form and no derive says
 //! that; tests hold examples of every type against them.
 
-use super::{
-    Service, convergence, edits, effects, events, export, frame, health, metrics, page, scenes, ws,
-};
+use super::{Service, convergence, edits, effects, events, export, frame, health, metrics, page, scenes, ws};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use utoipa::openapi::{ComponentsBuilder, InfoBuilder, OpenApi, OpenApiBuilder, RefOr, Schema, Server};
@@ -46,11 +44,7 @@ fn frame_of_document() -> OpenApi {
     let schemas: std::collections::BTreeMap<String, RefOr<Schema>> =
         serde_json::from_str(SCHEMAS).unwrap_or_else(|error| panic!("schemas.json: {error}"));
     let components = ComponentsBuilder::new().schemas_from_iter(schemas).build();
-    OpenApiBuilder::new()
-        .info(info)
-        .servers(Some([Server::new("/")]))
-        .components(Some(components))
-        .build()
+    OpenApiBuilder::new().info(info).servers(Some([Server::new("/")])).components(Some(components)).build()
 }
 
 /// The whole document.

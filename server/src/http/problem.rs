@@ -31,7 +31,8 @@ impl IntoResponse for HttpProblem {
         let HttpProblem(problem) = self;
         let status = StatusCode::from_u16(problem.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         let json = serde_json::to_string(&problem).unwrap_or_default();
-        let mut response = (status, [(header::CONTENT_TYPE, "application/problem+json")], json).into_response();
+        let mut response =
+            (status, [(header::CONTENT_TYPE, "application/problem+json")], json).into_response();
         if matches!(status, StatusCode::TOO_MANY_REQUESTS | StatusCode::SERVICE_UNAVAILABLE) {
             // One second: queues here empty in less, and a starting server is looked at often.
             response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));

@@ -100,8 +100,9 @@ pub(super) async fn create(
 
 fn from_json(bytes: &[u8]) -> Result<(Option<String>, Option<String>, Origin), HttpProblem> {
     let malformed = |detail: String| HttpProblem::new(ProblemKind::Malformed, detail);
-    let NewScene { name, id, builtin, data } = serde_json::from_slice(bytes)
-        .map_err(|error| malformed(format!("the body is neither a .glb nor the JSON of a new scene: {error}")))?;
+    let NewScene { name, id, builtin, data } = serde_json::from_slice(bytes).map_err(|error| {
+        malformed(format!("the body is neither a .glb nor the JSON of a new scene: {error}"))
+    })?;
     match (builtin, data) {
         (Some(builtin), None) => Ok((name.or_else(|| Some(builtin.clone())), id, Origin::Builtin(builtin))),
         (None, Some(data)) => {
@@ -173,7 +174,9 @@ pub(super) async fn delete(
     drop(scene);
     match tokio::task::spawn_blocking(move || scenes.remove(&id)).await {
         Ok(Ok(true)) => Ok(StatusCode::NO_CONTENT),
-        Ok(Ok(false)) => Err(HttpProblem::new(ProblemKind::NotFound, "the scene was deleted in the meantime")),
+        Ok(Ok(false)) => {
+            Err(HttpProblem::new(ProblemKind::NotFound, "the scene was deleted in the meantime"))
+        }
         Ok(Err(error)) => Err(HttpProblem::new(ProblemKind::Unavailable, error.to_string())),
         Err(error) => Err(HttpProblem::new(ProblemKind::Internal, error.to_string())),
     }

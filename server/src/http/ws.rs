@@ -30,7 +30,8 @@ pub(super) async fn get(
     let malformed = |detail: String| HttpProblem::new(ProblemKind::Malformed, detail);
     if !origin::is_allowed(&headers, &config.allow_origins) {
         return Err(malformed(
-            "pages of this origin may not use this server; setting \"allow_origins\" names those that may".into(),
+            "pages of this origin may not use this server; setting \"allow_origins\" names those that may"
+                .into(),
         ));
     }
     let upgrade = upgrade.map_err(|error| malformed(error.body_text()))?;
@@ -41,7 +42,8 @@ pub(super) async fn get(
     }
     let viewer = scene.join()?;
     let message_bytes = usize::try_from(config.message_bytes).unwrap_or(usize::MAX);
-    let session = stream::Session::new(scene, viewer, service.scenes.workshop().clone(), service.stopping.clone());
+    let session =
+        stream::Session::new(scene, viewer, service.scenes.workshop().clone(), service.stopping.clone());
     Ok(upgrade
         .protocols([SUBPROTOCOL])
         .max_message_size(message_bytes)

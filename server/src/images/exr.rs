@@ -109,8 +109,8 @@ pub fn encode_exr(film: &Film, layers: ExrLayers, facts: &PictureFacts) -> Resul
     if layers == ExrLayers::All {
         EXR_LAYERS.iter().for_each(|(name, layer, _)| add_layer(&mut channels, film, name, *layer));
     }
-    let mut attributes = LayerAttributes::default();
-    attributes.software_name = text(concat!("lumicast ", env!("CARGO_PKG_VERSION")));
+    let software = Text::from(concat!("lumicast ", env!("CARGO_PKG_VERSION")));
+    let mut attributes = LayerAttributes { software_name: Some(software), ..LayerAttributes::default() };
     let facts = serde_json::to_string(facts).map_err(|error| fail(error.to_string()))?;
     attributes
         .other
@@ -125,10 +125,6 @@ pub fn encode_exr(film: &Film, layers: ExrLayers, facts: &PictureFacts) -> Resul
 }
 
 type Channels = SmallVec<[AnyChannel<FlatSamples>; 4]>;
-
-fn text(value: &str) -> Option<Text> {
-    Some(Text::from(value))
-}
 
 fn add_layer(channels: &mut Channels, film: &Film, name: &str, layer: ExrLayer) {
     let prefix = format!("{name}.");

@@ -7,6 +7,8 @@ mod exr;
 mod file;
 mod frame;
 
+#[cfg(test)]
+pub(crate) use exr::decode_exr;
 pub use exr::{EXR_LAYERS, ExrLayer, ExrLayers, PictureFacts, encode_exr};
 pub use file::{FileError, write_file};
 pub use frame::{EncodeError, JpegQuality, jpeg, png_fast, png_small, rgb_f32_le};

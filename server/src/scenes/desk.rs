@@ -100,7 +100,10 @@ impl Desk {
                 let before = store.log_bytes();
                 store.append(&record).map_err(|error| {
                     tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
-                    Problem::new(ProblemKind::Unavailable, format!("the edit could not be put on disk: {error}"))
+                    Problem::new(
+                        ProblemKind::Unavailable,
+                        format!("the edit could not be put on disk: {error}"),
+                    )
                 })?;
                 store.log_bytes() - before
             }

@@ -120,7 +120,8 @@ mod tests {
         for revision in 2..=6 {
             history.push(entry(revision), 1);
         }
-        let since = |revision| history.since(revision, 6).map(|list| list.iter().map(|e| e.revision).collect());
+        let since =
+            |revision| history.since(revision, 6).map(|list| list.iter().map(|e| e.revision).collect());
         assert_eq!(since(3), Some(vec![4, 5, 6]));
         assert_eq!(since(5), Some(vec![6]));
         assert_eq!(since(6), Some(Vec::new()));

@@ -49,7 +49,9 @@ impl Speed {
 
     /// The divisor for a picture that must be there within `budget_seconds`.
     pub(super) fn divisor_within(&self, full: Size, budget_seconds: f64) -> u32 {
-        rungs(1).find(|divisor| self.pass_seconds(scaled(full, *divisor)) <= budget_seconds).unwrap_or(DIVISOR_MAX)
+        rungs(1)
+            .find(|divisor| self.pass_seconds(scaled(full, *divisor)) <= budget_seconds)
+            .unwrap_or(DIVISOR_MAX)
     }
 
     /// The next divisor on the way to full size.
@@ -60,7 +62,8 @@ impl Speed {
 
 /// Divisors from `first` on, coarser and coarser.
 pub(super) fn rungs(first: u32) -> impl Iterator<Item = u32> {
-    std::iter::successors(Some(first), |divisor| Some(divisor * 2)).take_while(|divisor| *divisor <= DIVISOR_MAX)
+    std::iter::successors(Some(first), |divisor| Some(divisor * 2))
+        .take_while(|divisor| *divisor <= DIVISOR_MAX)
 }
 
 /// The asked size divided, rounded up, at least one pixel.

@@ -208,8 +208,7 @@ impl Scene {
             return description.clone();
         }
         let scene = snapshot.world.scene();
-        let fresh =
-            Arc::new(convert::describe(scene, &self.id, &self.name, snapshot.revision, self.durable));
+        let fresh = Arc::new(convert::describe(scene, &self.id, &self.name, snapshot.revision, self.durable));
         *described = Some(fresh.clone());
         fresh
     }
@@ -232,7 +231,10 @@ impl Scene {
             }
             Err(mpsc::TrySendError::Full(_)) => Err(Problem::new(
                 ProblemKind::Unavailable,
-                format!("{} batches wait for scene {:?} already; try again", self.workshop.config.edit_queue, &*self.id),
+                format!(
+                    "{} batches wait for scene {:?} already; try again",
+                    self.workshop.config.edit_queue, &*self.id
+                ),
             )),
             Err(mpsc::TrySendError::Disconnected(_)) => Err(self.gone()),
         }
@@ -314,7 +316,8 @@ impl Scene {
             return Err(self.gone());
         }
         if board.viewers.len() >= config.viewers_per_scene as usize {
-            let detail = format!("scene {:?} has {} viewers, the most it takes", &*self.id, board.viewers.len());
+            let detail =
+                format!("scene {:?} has {} viewers, the most it takes", &*self.id, board.viewers.len());
             return Err(Problem::new(ProblemKind::TooMany, detail));
         }
         let id = self.workshop.viewer_ids.fetch_add(1, SeqCst);

@@ -14,9 +14,7 @@ use crate::convert;
 use lumicast_engine::film::{Film, MeasuredError, PictureSize};
 use lumicast_engine::render::{Indirect, RenderSettings, Rendering};
 use lumicast_engine::scene::CameraView;
-use lumicast_protocol::{
-    ConvergencePoint, FrameHeader, PayloadKind, Problem, ProblemKind, Stats, View,
-};
+use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, ProblemKind, Stats, View};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -208,12 +206,8 @@ impl Painter {
             match later.map(|at| at.saturating_duration_since(Instant::now())) {
                 Some(Duration::ZERO) => return,
                 Some(wait) => {
-                    board = self
-                        .scene
-                        .wake
-                        .wait_timeout(board, wait)
-                        .unwrap_or_else(PoisonError::into_inner)
-                        .0;
+                    board =
+                        self.scene.wake.wait_timeout(board, wait).unwrap_or_else(PoisonError::into_inner).0;
                 }
                 None => board = self.scene.wake.wait(board).unwrap_or_else(PoisonError::into_inner),
             }
@@ -286,8 +280,7 @@ impl Painter {
                 worked = true;
             }
         }
-        let refining: Vec<usize> =
-            (0..tasks.len()).filter(|index| tasks[*index].2 == Task::Refine).collect();
+        let refining: Vec<usize> = (0..tasks.len()).filter(|index| tasks[*index].2 == Task::Refine).collect();
         let waiting = refining.len() + self.drawings.len();
         let starting = tasks.iter().filter(|(_, _, task)| *task == Task::Start);
         let active = waiting + starting.clone().count();
@@ -311,9 +304,7 @@ impl Painter {
             // The slice of those who wait while another one moves: news may not take it away.
             (true, _) => Cut { interruptible: false, after: Some(self.quick_pass(active)) },
             (false, 1) => Cut { interruptible: true, after: None },
-            (false, _) => {
-                Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) }
-            }
+            (false, _) => Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) },
         };
         self.turn = (self.turn + 1) % waiting;
         match refining.get(self.turn) {
@@ -493,9 +484,7 @@ impl Painter {
         let counts = rendering.counts();
         if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
         metrics.samples.add(samples);
-        metrics.rays.add(
-            counts.rays + counts.shadow_rays - counts_before.rays - counts_before.shadow_rays,
-        );
+        metrics.rays.add(counts.rays + counts.shadow_rays - counts_before.rays - counts_before.shadow_rays);
         metrics.render_us.add((seconds * 1e6) as u64);
         self.speed.measure(samples, seconds);
         (progress.complete, samples, seconds)
@@ -519,11 +508,7 @@ impl Painter {
             at: Instant::now(),
         });
         let (packer, picture) = (&mut film.packer, rendering.film());
-        let packed = self
-            .scene
-            .workshop
-            .drawing_pool
-            .install(|| packer.pack(picture, &wish.quality, codec));
+        let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(picture, &wish.quality, codec));
         let payload = match packed {
             Ok(payload) => payload,
             Err(error) => {

@@ -218,9 +218,7 @@ impl Scenes {
     fn load(&self, origin: Origin) -> Result<(engine_scene::Scene, Base), CreateError> {
         let limits = self.workshop.config.asset_limits();
         match origin {
-            Origin::Builtin(name) if name == BUILTIN => {
-                Ok((samples::cornell_box()?, Base::Builtin(name)))
-            }
+            Origin::Builtin(name) if name == BUILTIN => Ok((samples::cornell_box()?, Base::Builtin(name))),
             Origin::Builtin(name) => Err(CreateError::UnknownBuiltin(name)),
             Origin::Glb(bytes) => Ok((scene_from_glb(&bytes, &limits)?, Base::Glb(bytes))),
             Origin::File(path) => {
@@ -338,10 +336,7 @@ fn end(entry: Entry) {
 }
 
 /// A scene from the bytes of a `.glb`.
-pub(super) fn scene_from_glb(
-    bytes: &[u8],
-    limits: &AssetLimits,
-) -> Result<engine_scene::Scene, CreateError> {
+pub(super) fn scene_from_glb(bytes: &[u8], limits: &AssetLimits) -> Result<engine_scene::Scene, CreateError> {
     let mut builder = SceneBuilder::new(limits.scene);
     assets::load_gltf_bytes(bytes, &mut builder, assets::GltfPlacement::default(), limits)?;
     Ok(builder.finish().0)

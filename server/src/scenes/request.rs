@@ -144,8 +144,7 @@ impl Scene {
 impl Drawing {
     pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
         let config = &workshop.config;
-        let settings =
-            RenderSettings { indirect: Indirect::Auto, bounces_max: None, seed: config.seed };
+        let settings = RenderSettings { indirect: Indirect::Auto, bounces_max: None, seed: config.seed };
         let seconds = match job.request.until {
             Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
             Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
@@ -221,6 +220,7 @@ impl Drawing {
         let revision = job.snapshot.revision;
         let samples = rendering.passes();
         // Who asked may have gone in the meantime.
-        let _ = job.reply.send(bytes.map(|bytes| RequestedPicture { bytes, revision, samples, error, seconds }));
+        let _ =
+            job.reply.send(bytes.map(|bytes| RequestedPicture { bytes, revision, samples, error, seconds }));
     }
 }

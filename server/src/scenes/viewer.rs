@@ -4,9 +4,7 @@
 //! viewer that stalls holds one picture and costs nothing else.
 
 use lumicast_engine::render::Indirect;
-use lumicast_protocol::{
-    Accuracy, CameraRequest, ConvergencePoint, FrameHeader, Quality, Stats, Technique,
-};
+use lumicast_protocol::{Accuracy, CameraRequest, ConvergencePoint, FrameHeader, Quality, Stats, Technique};
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard};
 use std::time::{Duration, Instant};

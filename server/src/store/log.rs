@@ -123,7 +123,6 @@ fn read_record(bytes: &[u8]) -> Option<(Record, usize)> {
 /// are tried.
 fn whole_record_follows(bytes: &[u8]) -> bool {
     const START: &[u8] = b"{\"revision\":";
-    (1..bytes.len().saturating_sub(HEAD_BYTES)).any(|at| {
-        bytes[at + HEAD_BYTES..].starts_with(START) && read_record(&bytes[at..]).is_some()
-    })
+    (1..bytes.len().saturating_sub(HEAD_BYTES))
+        .any(|at| bytes[at + HEAD_BYTES..].starts_with(START) && read_record(&bytes[at..]).is_some())
 }

@@ -51,7 +51,12 @@ enum Answer {
 
 impl Session {
     /// A session of a viewer that has joined.
-    pub fn new(scene: Arc<Scene>, viewer: Arc<Viewer>, workshop: Arc<Workshop>, stopping: Stopping) -> Session {
+    pub fn new(
+        scene: Arc<Scene>,
+        viewer: Arc<Viewer>,
+        workshop: Arc<Workshop>,
+        stopping: Stopping,
+    ) -> Session {
         let limits = workshop.config.limits();
         Session { scene, viewer, workshop, stopping, limits }
     }
@@ -84,7 +89,11 @@ impl Session {
     }
 
     /// Takes messages until the end; `None` where the client closed or the socket died.
-    async fn read(&self, mut stream: SplitStream<WebSocket>, answers: &mpsc::Sender<Answer>) -> Option<Ending> {
+    async fn read(
+        &self,
+        mut stream: SplitStream<WebSocket>,
+        answers: &mpsc::Sender<Answer>,
+    ) -> Option<Ending> {
         let mut stopping = self.stopping.clone();
         let mut closed = self.scene.watch_closed();
         let mut rate = Rate::new(self.limits.messages_per_second, Instant::now());
@@ -113,9 +122,7 @@ impl Session {
             };
             match message {
                 Message::Text(text) => {
-                    if let Some(ending) =
-                        self.take(&text, &mut rate, &mut greeted, answers, &edits).await
-                    {
+                    if let Some(ending) = self.take(&text, &mut rate, &mut greeted, answers, &edits).await {
                         return Some(ending);
                     }
                 }

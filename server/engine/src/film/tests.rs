@@ -172,24 +172,45 @@ fn broken_samples_are_dropped_and_counted() {
     assert_eq!(film.dropped_samples(), 12);
 }
 
-/// The measured relMSE is on average the true one, for even and odd numbers of passes.
+/// The measured relMSE is on average the true one, for even and odd numbers of passes, also while most pixels
+/// are far from their mean.
 #[test]
 fn measured_error_is_unbiased() {
     for noise in [Noise::Uniform, Noise::Exponential, Noise::Rare] {
-        for passes in [200, 201] {
-            // A floor of one pixel in the weights: the displayed mean is the truth but for noise/√passes.
+        for passes in [16, 17, 200, 201] {
             let mut ratio = RunningStatistics::default();
             for seed in 0..40 {
-                let measured = noisy_film(noise, 16, passes, seed).measured_error().unwrap();
+                let measured = noisy_film(noise, 24, passes, seed).measured_error().unwrap();
                 let truth = noise.variance() / f64::from(passes) / 1.01;
                 ratio.add(measured.rel_mse / truth);
             }
-            // The weights 1/m² see noise of relative variance v = σ²/n in m: E[1/m²] ≈ 1 + 3v, and e², m
-            // go apart together for skewed noise, another O(v). 5v covers both; 4 standard errors.
-            let allowed = 5.0 * noise.variance() / f64::from(passes) + 4.0 * ratio.standard_error();
+            // With a relative variance v = σ²/n per pixel, the mean of 24 neighbours (8 at corners: about 22 in
+            // the mean) has v/22, and E[1/m²] ≈ 1 + 3v/22. On top, 4 standard errors.
+            let weights = 3.0 * noise.variance() / f64::from(passes) / 22.0;
+            let allowed = 1.5 * weights + 4.0 * ratio.standard_error();
             assert!((ratio.mean() - 1.0).abs() < allowed, "{noise:?} {passes}: {}", ratio.mean());
         }
     }
+}
+
+/// Detail finer than the 5 × 5 neighbourhood is weighed by its mean: equal relative noise on a chequered
+/// picture of 1 and 3 reads √1.25 of the truth, (1/2² + 3²/2²)/2 = 1.25.
+#[test]
+fn known_fine_patterns_of_one_to_three_read_12_percent_high() {
+    let mut ratio = RunningStatistics::default();
+    for seed in 0..20 {
+        let mut film = film(24, 24);
+        for _ in 0..200 {
+            pass(&mut film, |x, y, p| {
+                let brightness = if (x + y) % 2 == 0 { 1.0 } else { 3.0 };
+                grey(brightness * Noise::Uniform.sample(uniform(seed, x, y, p)))
+            });
+        }
+        ratio.add(film.measured_error().unwrap().rel_mse / (Noise::Uniform.variance() / 200.0));
+    }
+    // 1.25 but for the floor of 1 % of the mean's square and the borders; 4 standard errors.
+    let allowed = 0.03 + 4.0 * ratio.standard_error();
+    assert!((ratio.mean() - 1.25).abs() < allowed, "{}", ratio.mean());
 }
 
 /// A weighting of the halves that were wrong by one pass would show at three passes at the latest.
@@ -207,19 +228,21 @@ fn squared_error_is_unbiased_for_the_smallest_odd_count() {
     }
 }
 
-/// The 95 % interval holds the true relMSE in 95 % of pictures.
+/// The 95 % interval holds the true relMSE in at least 95 % of pictures (more here: an even picture has no detail
+/// that the weights could be wrong about), at few samples too.
 #[test]
 fn interval_holds_the_true_error_as_often_as_it_says() {
-    const PICTURES: u64 = 400;
-    for noise in [Noise::Uniform, Noise::Exponential] {
-        let truth = noise.variance() / 256.0 / 1.01;
+    const PICTURES: u64 = 200;
+    for (noise, passes) in [(Noise::Uniform, 16), (Noise::Exponential, 256), (Noise::Rare, 256)] {
+        let truth = noise.variance() / f64::from(passes) / 1.01;
         let held = (0..PICTURES).filter(|seed| {
-            let [low, high] = noisy_film(noise, 24, 256, 1000 + seed).measured_error().unwrap().interval_95;
+            let film = noisy_film(noise, 24, passes, 1000 + seed);
+            let [low, high] = film.measured_error().unwrap().interval_95;
             low <= truth && truth <= high
         });
         let share = held.count() as f64 / PICTURES as f64;
-        // Binomial standard deviation √(0.95·0.05/400) = 1.1 %; 3.2 of them either way.
-        assert!((0.915..=0.985).contains(&share), "{noise:?}: {share}");
+        // Binomial standard deviation √(0.95·0.05/200) = 1.5 %; 3 of them.
+        assert!(share >= 0.95 - 0.046, "{noise:?}: {share}");
     }
 }
 

@@ -521,7 +521,8 @@ fn check_light_colour(
 }
 
 fn check_light(id: &Id, light: &Light, coordinate_max_m: f64) -> Result<(), SceneError> {
-    if !(light.position.abs().max_element() <= coordinate_max_m) {
+    // `max_element` passes over NaN, so finiteness is asked for by itself.
+    if !(light.position.is_finite() && light.position.abs().max_element() <= coordinate_max_m) {
         return Err(bad("light", id, "position", light.position.to_string(), "within the coordinate limit"));
     }
     if !(light.direction.is_finite() && light.direction.length() > 1e-12) {
@@ -574,7 +575,7 @@ fn check_material(id: &Id, material: &Material) -> Result<(), SceneError> {
     for value in material.specular_color.to_array() {
         at_least("specular_color", value, 0.0, "finite and not negative")?;
     }
-    if !(material.attenuation_distance_m > 0.0) {
+    if material.attenuation_distance_m.is_nan() || material.attenuation_distance_m <= 0.0 {
         let value = material.attenuation_distance_m.to_string();
         return Err(bad("material", id, "attenuation_distance_m", value, "above 0 (infinite = clear)"));
     }

@@ -72,8 +72,8 @@ fn check_numbers(id: &Id, source: &MeshSource, coordinate_max_m: f64) -> Result<
     let refuse = |field, index: usize, value: String, expected| {
         Err(bad("mesh", id, field, format!("{value} at vertex {index}"), expected))
     };
-    // `<=` is false for NaN, so one comparison refuses NaN, infinity and the far away.
-    let far = |position: &DVec3| !(position.abs().max_element() <= coordinate_max_m);
+    // `max_element` passes over NaN in all but its last place, so finiteness is asked for by itself.
+    let far = |position: &DVec3| !(position.is_finite() && position.abs().max_element() <= coordinate_max_m);
     if let Some(index) = source.positions.iter().position(far) {
         return refuse(
             "positions",

@@ -45,7 +45,7 @@ impl Texture {
 }
 
 /// What a coordinate outside [0, 1] means.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Wrap {
     /// The picture repeats.
     #[default]
@@ -57,7 +57,7 @@ pub enum Wrap {
 }
 
 /// How texels are combined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Filter {
     /// Four nearest texels, linear in each axis, decoded to linear first.
     #[default]

@@ -15,4 +15,4 @@ pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
 pub use light::{LightOrigin, LightSample, Lights};
 pub use path_class::{PathClass, Scatter};
 pub use surface::Surface;
-pub use world::{World, WorldReport};
+pub use world::{ShadowRay, World, WorldReport};

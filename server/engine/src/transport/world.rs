@@ -29,6 +29,16 @@ pub struct World {
     lights: Lights,
 }
 
+/// A ray from a surface to a light.
+#[derive(Clone, Copy, Debug)]
+pub struct ShadowRay {
+    /// From off the surface to off the light, or without end.
+    pub ray: Ray,
+    /// The light's own (instance, triangle), which is never in its own way: from afar the rounding of `t` exceeds the
+    /// distance by which the ray ends off it.
+    pub light: Option<(u32, u32)>,
+}
+
 /// What preparing took and holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WorldReport {
@@ -121,12 +131,14 @@ impl World {
         }
     }
 
-    /// True when anything lies on the ray; masks are honoured.
-    pub fn is_occluded(&self, ray: &Ray) -> bool {
+    /// True when anything stands between a surface and its light; masks are honoured.
+    pub fn is_occluded(&self, shadow: &ShadowRay) -> bool {
+        let ShadowRay { ray, light } = shadow;
+        let in_the_way = |hit: &Hit| *light != Some((hit.instance, hit.triangle));
         if self.has_masks {
-            self.accel.is_occluded(ray, |hit| self.is_present(hit))
+            self.accel.is_occluded(ray, |hit| in_the_way(hit) && self.is_present(hit))
         } else {
-            self.accel.is_occluded(ray, |_| true)
+            self.accel.is_occluded(ray, in_the_way)
         }
     }
 
@@ -143,11 +155,17 @@ impl World {
     }
 
     /// Radiance of a light sample at the surface it was drawn for, before occlusion, and the ray that tests it.
-    pub fn towards_light(&self, from: &SurfacePoint, sample: &super::LightSample) -> Option<(Rgb, Ray)> {
+    pub fn towards_light(
+        &self,
+        from: &SurfacePoint,
+        sample: &super::LightSample,
+    ) -> Option<(Rgb, ShadowRay)> {
         let origin = from.origin_towards(sample.wi);
-        let (radiance, target) = match sample.origin {
-            LightOrigin::Infinite => return Some((sample.radiance, Ray::new(origin, sample.wi))),
-            LightOrigin::Point(position) => (sample.radiance, position),
+        let (radiance, target, light) = match sample.origin {
+            LightOrigin::Infinite => {
+                return Some((sample.radiance, ShadowRay { ray: Ray::new(origin, sample.wi), light: None }));
+            }
+            LightOrigin::Point(position) => (sample.radiance, position, None),
             LightOrigin::Surface { instance, triangle, barycentric, point } => {
                 let hit = Hit { t: 0.0, instance, triangle, b1: barycentric[0], b2: barycentric[1] };
                 let placed = &self.accel.instances()[instance as usize];
@@ -156,11 +174,11 @@ impl World {
                 if !material.is_present(placed, &hit) {
                     return None;
                 }
-                (material.emitted(placed, &hit, from_front), point.origin_towards(-sample.wi))
+                let radiance = material.emitted(placed, &hit, from_front);
+                (radiance, point.origin_towards(-sample.wi), Some((instance, triangle)))
             }
         };
-        // The ray ends before the light's own surface: its end is off it as its start is off ours.
-        let direction = target - origin;
-        (!radiance.is_black()).then_some((radiance, Ray { origin, direction, t_max: 1.0 }))
+        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        (!radiance.is_black()).then_some((radiance, ShadowRay { ray, light }))
     }
 }

@@ -3,9 +3,14 @@
 //! `gltf::json` is used for its types alone. Its validation indexes accessors before it has checked them and
 //! refuses files that lack the bounds of positions, so every index and value is checked where it is used.
 
+use std::fmt;
+
 use ::gltf::json::{Root, deserialize};
-use lumicast_engine::scene::SceneBuilder;
-use serde::Deserialize;
+use lumicast_engine::scene::{SceneBuilder, SceneLimits};
+use serde::{
+    Deserialize, Deserializer,
+    de::{IgnoredAny, SeqAccess, Visitor},
+};
 
 use super::container::label;
 use crate::assets::{
@@ -31,6 +36,49 @@ const READ: [&str; 9] = [
 pub(super) struct Document {
     pub(super) root: Root,
     pub(super) exact: Exact,
+}
+
+/// Lengths of the lists whose elements take much more memory than text, counted without keeping any.
+#[derive(Debug, Deserialize)]
+struct Outline {
+    #[serde(default)]
+    nodes: Length,
+    #[serde(default)]
+    materials: Length,
+}
+
+impl Outline {
+    fn check(&self, scene: &SceneLimits) -> Result<(), AssetError> {
+        let nodes = Bound { what: "nodes", limit: scene.nodes_max as u64, setting: "nodes_max" };
+        nodes.check("JSON", self.nodes.0)?;
+        let limit = scene.materials_max as u64;
+        Bound { what: "materials", limit, setting: "materials_max" }.check("JSON", self.materials.0)
+    }
+}
+
+#[derive(Debug, Default)]
+struct Length(u64);
+
+impl<'de> Deserialize<'de> for Length {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Length, D::Error> {
+        struct Counter;
+        impl<'de> Visitor<'de> for Counter {
+            type Value = Length;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a list")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Length, A::Error> {
+                let mut count = 0;
+                while list.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                Ok(Length(count))
+            }
+        }
+        deserializer.deserialize_seq(Counter)
+    }
 }
 
 /// The fields that `gltf::json` narrows to single precision, read once more in double precision.
@@ -74,13 +122,18 @@ pub(super) struct Orthographic {
 }
 
 impl Document {
-    /// Parses and checks what concerns the file as a whole.
-    pub(super) fn parse(json: &[u8], limits: &AssetLimits) -> Result<Document, AssetError> {
+    /// Parses and checks what concerns the file as a whole. `scene`: the limits of the scene it goes into.
+    pub(super) fn parse(
+        json: &[u8],
+        limits: &AssetLimits,
+        scene: &SceneLimits,
+    ) -> Result<Document, AssetError> {
         let bytes = Bound { what: "bytes", limit: limits.json_bytes_max, setting: "json_bytes_max" };
         bytes.check("JSON", json.len() as u64)?;
         let values = Bound { what: "values", limit: limits.json_values_max, setting: "json_values_max" };
         values.check("JSON", value_count(json))?;
         let wrong = |error| bad("JSON", "syntax", format!("{error}"));
+        deserialize::from_slice::<Outline>(json).map_err(wrong)?.check(scene)?;
         let root: Root = deserialize::from_slice(json).map_err(wrong)?;
         let exact: Exact = deserialize::from_slice(json).map_err(wrong)?;
         check_version(&root)?;

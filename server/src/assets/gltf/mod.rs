@@ -15,14 +15,16 @@ mod nodes;
 mod textures;
 mod uris;
 
+use ::gltf::json::Node as JsonNode;
+use glam::DAffine3;
 use lumicast_engine::scene::{Environment, Id, SceneBuilder};
 
 use self::{
     accessors::Accessors,
     buffers::Buffers,
     document::{Document, at},
-    meshes::Room,
-    nodes::Visit,
+    meshes::{LoadedMesh, Room},
+    nodes::{Mount, Visit},
     textures::Images,
 };
 use super::{
@@ -43,12 +45,13 @@ pub(super) fn import(
     limits: &AssetLimits,
 ) -> Result<Option<Environment>, AssetError> {
     let parts = container::split(bytes)?;
-    let document = Document::parse(parts.json, limits)?;
+    let document = Document::parse(parts.json, limits, builder.limits())?;
     document.warn_of_unread(builder);
     let buffers = Buffers::load(&document.root, parts.bin, &mut folder)?;
     let mut import = Import::new(&document, &buffers, builder, placement, limits);
     import.textures_and_materials(&mut folder)?;
     import.hierarchy(placement.parent.clone())?;
+    import.lights_and_cameras()?;
     import.environment()
 }
 
@@ -69,6 +72,8 @@ struct Import<'a> {
     /// By index in the file; outer `None`: not loaded yet, inner `None`: shows nothing.
     meshes: Vec<Option<Option<Id>>>,
     default_material: Option<Id>,
+    /// Nodes of the scene with what a light or camera on them needs, in the order of the walk.
+    mounts: Vec<(usize, Mount)>,
 }
 
 impl<'a> Import<'a> {
@@ -94,6 +99,7 @@ impl<'a> Import<'a> {
             materials: Vec::new(),
             meshes: vec![None; document.root.meshes.len()],
             default_material: None,
+            mounts: Vec::new(),
         }
     }
 
@@ -163,8 +169,16 @@ impl<'a> Import<'a> {
             return Err(bad(nodes::node_label(root, index), "transform", "is not finite"));
         }
         if !nodes::is_showable(self.builder, parent.as_ref(), &parent_from_node) {
-            let message = "is flattened to nothing by its scale and is left out with all below it";
+            let message =
+                "is flattened (or stretched beyond use) by its scale and is left out with all below it";
             self.builder.warn(format!("node {id:?}"), message);
+            return Ok(None);
+        }
+        let is_carrier = json.mesh.is_none()
+            && json.children.is_none()
+            && extras::ours::<extras::NodeExtras>(&json.extras).is_some_and(|extras| extras.carrier);
+        if is_carrier {
+            self.mounts.push((index, Mount { parent, parent_from_mount: parent_from_node }));
             return Ok(None);
         }
         let mesh = match json.mesh {
@@ -172,43 +186,58 @@ impl<'a> Import<'a> {
             None => None,
         };
         nodes::add(self.builder, id.clone(), parent, parent_from_node, mesh)?;
-        self.light(index, &id)?;
-        self.camera(index, &id)?;
+        let mount = Mount { parent: Some(id.clone()), parent_from_mount: DAffine3::IDENTITY };
+        self.mounts.push((index, mount));
         Ok(Some(id))
     }
 
-    fn light(&mut self, node_index: usize, node: &Id) -> Result<(), AssetError> {
+    /// Lights and cameras in the order of the file's own lists, so that its first camera comes first.
+    fn lights_and_cameras(&mut self) -> Result<(), AssetError> {
+        let nodes = &self.document.root.nodes;
+        let mounts = std::mem::take(&mut self.mounts);
+        let light_of = |node: &JsonNode| {
+            let extensions = node.extensions.as_ref()?;
+            Some(extensions.khr_lights_punctual.as_ref()?.light.value())
+        };
+        let in_order = |index_of: &dyn Fn(&JsonNode) -> Option<usize>| {
+            let used = |mount: &(usize, Mount)| Some((index_of(&nodes[mount.0])?, mount.clone()));
+            let mut used: Vec<(usize, (usize, Mount))> = mounts.iter().filter_map(used).collect();
+            used.sort_by_key(|(index, _)| *index);
+            used
+        };
+        for (light, (node, mount)) in in_order(&light_of) {
+            self.light(light, node, mount)?;
+        }
+        for (camera, (node, mount)) in in_order(&|node| node.camera.map(|camera| camera.value())) {
+            self.camera(camera, node, mount)?;
+        }
+        Ok(())
+    }
+
+    fn light(&mut self, index: usize, node_index: usize, mount: Mount) -> Result<(), AssetError> {
         let root = &self.document.root;
-        let json = &root.nodes[node_index];
-        let extension =
-            json.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
-        let Some(extension) = extension else { return Ok(()) };
         let user = nodes::node_label(root, node_index);
-        let loaded = nodes::light(root, extension.light.value(), &user, Some(node.clone()))?;
-        let id = self.light_names.unique(
-            &[loaded.name, json.name.as_deref()],
-            &format!("light {node_index}"),
-            |id| self.builder.scene().lights().contains_key(id),
-        );
+        let loaded = nodes::light(root, index, &user, mount)?;
+        let node_name = root.nodes[node_index].name.as_deref();
+        let id = self.light_names.unique(&[loaded.name, node_name], &format!("light {node_index}"), |id| {
+            self.builder.scene().lights().contains_key(id)
+        });
         for warning in loaded.warnings {
             self.builder.warn(format!("light {id:?}"), warning);
         }
         Ok(self.builder.add_light(id, loaded.light)?)
     }
 
-    fn camera(&mut self, node_index: usize, node: &Id) -> Result<(), AssetError> {
+    fn camera(&mut self, index: usize, node_index: usize, mount: Mount) -> Result<(), AssetError> {
         let root = &self.document.root;
-        let json = &root.nodes[node_index];
-        let Some(index) = json.camera.map(|camera| camera.value()) else { return Ok(()) };
         let user = nodes::node_label(root, node_index);
-        let (camera, warning) = nodes::camera(self.document, index, &user, Some(node.clone()))?;
+        let (camera, warning) = nodes::camera(self.document, index, &user, mount)?;
         // People place cameras by their nodes; several nodes may share one lens.
+        let node_name = root.nodes[node_index].name.as_deref();
         let own_name = root.cameras.get(index).and_then(|camera| camera.name.as_deref());
-        let id = self.camera_names.unique(
-            &[json.name.as_deref(), own_name],
-            &format!("camera {node_index}"),
-            |id| self.builder.scene().cameras().contains_key(id),
-        );
+        let id = self.camera_names.unique(&[node_name, own_name], &format!("camera {node_index}"), |id| {
+            self.builder.scene().cameras().contains_key(id)
+        });
         if let Some(warning) = warning {
             self.builder.warn(format!("camera {id:?}"), warning);
         }
@@ -241,6 +270,7 @@ impl<'a> Import<'a> {
             self.material(material, &user)
         })?;
         meshes::clamp_colors(&mut loaded);
+        self.warn_of_missing_texcoords(&mut loaded);
         let node_name = root.nodes[node_index].name.as_deref();
         let id = self.mesh_names.unique(&[json.name.as_deref(), node_name], &format!("mesh {index}"), |id| {
             self.builder.scene().meshes().contains_key(id)
@@ -254,6 +284,20 @@ impl<'a> Import<'a> {
         }
         self.meshes[index] = Some(shows.then_some(id));
         Ok(self.meshes[index].clone().flatten())
+    }
+
+    /// A texture over a mesh without coordinates shows one texel everywhere: most likely a mistake of the exporter.
+    fn warn_of_missing_texcoords(&self, loaded: &mut LoadedMesh) {
+        let missing = loaded.source.primitives.iter().find_map(|primitive| {
+            let material = self.builder.scene().materials().get(&primitive.material)?;
+            let mut sets = material.textures.iter().flatten().map(|texture| texture.texcoord_set);
+            let set = sets.find(|set| loaded.source.texcoords[usize::from(*set)].is_empty())?;
+            Some(format!(
+                "has no TEXCOORD_{set}, which material {:?} needs for a texture",
+                primitive.material
+            ))
+        });
+        loaded.warnings.extend(missing);
     }
 
     /// The engine material of a primitive; glTF's default one is made when a primitive first needs it.

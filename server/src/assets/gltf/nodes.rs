@@ -21,6 +21,14 @@ pub(super) struct Visit {
     pub(super) parent: Option<Id>,
 }
 
+/// Where a light or camera of the file is mounted.
+#[derive(Clone, Debug)]
+pub(super) struct Mount {
+    pub(super) parent: Option<Id>,
+    /// Identity, but for nodes that only carry something (see `extras`).
+    pub(super) parent_from_mount: DAffine3,
+}
+
 /// The roots of the default scene, of the first one, or of a file without scenes: all nodes that hang on none.
 pub(super) fn roots(root: &Root) -> Result<Vec<usize>, AssetError> {
     if root.scenes.is_empty() {
@@ -94,12 +102,12 @@ pub(super) struct LoadedLight<'a> {
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads the light `index` for the engine node `parent`. Candela and lux are W/sr and W/m² (see the contract).
+/// Reads the light `index` mounted at `mount`. Candela and lux are W/sr and W/m² (see the contract).
 pub(super) fn light<'a>(
     root: &'a Root,
     index: usize,
     user: &str,
-    parent: Option<Id>,
+    mount: Mount,
 ) -> Result<LoadedLight<'a>, AssetError> {
     let lights = root.extensions.as_ref().and_then(|extensions| extensions.khr_lights_punctual.as_ref());
     let lights = lights.map_or(&[][..], |extension| &extension.lights);
@@ -131,7 +139,9 @@ pub(super) fn light<'a>(
         }
         Checked::Invalid => return Err(bad(object, "type", "is neither directional, point nor spot")),
     };
-    let light = Light { parent, position: DVec3::ZERO, direction: DVec3::NEG_Z, kind };
+    let position = mount.parent_from_mount.translation;
+    let direction = mount.parent_from_mount.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z);
+    let light = Light { parent: mount.parent, position, direction, kind };
     Ok(LoadedLight { name: json.name.as_deref(), light, warnings })
 }
 
@@ -149,12 +159,12 @@ fn spot_kind(intensity: Rgb, inner: f32, outer: f32, warnings: &mut Vec<String>)
     LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad }
 }
 
-/// Reads the camera `index` for the engine node `parent`.
+/// Reads the camera `index` mounted at `mount`.
 pub(super) fn camera(
     document: &Document,
     index: usize,
     user: &str,
-    parent: Option<Id>,
+    mount: Mount,
 ) -> Result<(Camera, Option<String>), AssetError> {
     let json = at(&document.exact.cameras, index, || user.into(), "camera")?;
     let object = || format!("camera {index}");
@@ -173,5 +183,6 @@ pub(super) fn camera(
     };
     let usable = aspect.filter(|aspect| (0.001..1000.0).contains(aspect) && *aspect > 0.001);
     let warning = (aspect != usable).then(|| "its aspect ratio is out of range and is left out".into());
-    Ok((Camera { parent, parent_from_camera: DAffine3::IDENTITY, projection, aspect: usable }, warning))
+    let Mount { parent, parent_from_mount: parent_from_camera } = mount;
+    Ok((Camera { parent, parent_from_camera, projection, aspect: usable }, warning))
 }

@@ -25,7 +25,7 @@ use crate::{
     film::{Film, PictureSize, Tile},
     math::sobol::PixelSampler,
     scene::SceneChange,
-    transport::{PathClass, World},
+    transport::{PathClass, ShadowRay, World},
 };
 use cpu::Tracer;
 
@@ -100,7 +100,7 @@ impl Technique for PathTracer {
 trait Tally {
     fn path(&mut self);
     fn ray(&mut self, ray: &Ray);
-    fn shadow_ray(&mut self, ray: &Ray);
+    fn shadow_ray(&mut self, ray: &ShadowRay);
 }
 
 impl Tally for Counts {
@@ -112,7 +112,7 @@ impl Tally for Counts {
         self.rays += 1;
     }
 
-    fn shadow_ray(&mut self, _ray: &Ray) {
+    fn shadow_ray(&mut self, _ray: &ShadowRay) {
         self.shadow_rays += 1;
     }
 }
@@ -123,7 +123,7 @@ pub enum Query {
     /// What is nearest?
     Closest(Ray),
     /// Is anything in the way?
-    Occluded(Ray),
+    Occluded(ShadowRay),
 }
 
 impl Tally for Vec<Query> {
@@ -133,7 +133,7 @@ impl Tally for Vec<Query> {
         self.push(Query::Closest(*ray));
     }
 
-    fn shadow_ray(&mut self, ray: &Ray) {
+    fn shadow_ray(&mut self, ray: &ShadowRay) {
         self.push(Query::Occluded(*ray));
     }
 }

@@ -149,8 +149,8 @@ impl LightTree {
     /// A tree over `(light index, bounds)`; lights without power are not part of it.
     pub(super) fn build(mut lights: Vec<(u32, LightBounds)>) -> LightTree {
         lights.retain(|(_, bounds)| bounds.power > 0.0);
-        let mut tree = LightTree::default();
-        tree.trails = vec![0; lights.iter().map(|(index, _)| *index as usize + 1).max().unwrap_or(0)];
+        let light_count = lights.iter().map(|(index, _)| *index as usize + 1).max().unwrap_or(0);
+        let mut tree = LightTree { nodes: Vec::new(), trails: vec![0; light_count] };
         if !lights.is_empty() {
             tree.build_node(&mut lights, 0, 0);
         }

@@ -1,0 +1,122 @@
+//! Laws of the plan: each effect follows its fact, and what is not placed decides nothing.
+
+use super::{EffectKind, EffectPlan};
+use crate::math::Rgb;
+use crate::scene::{
+    Environment, Light, LightKind, Material, Scene,
+    samples::{self, Stage, quad},
+};
+use glam::{DAffine3, DVec3};
+
+const ALL: [EffectKind; 13] = [
+    EffectKind::Diffuse,
+    EffectKind::Glossy,
+    EffectKind::Mirror,
+    EffectKind::Glass,
+    EffectKind::Absorption,
+    EffectKind::Textures,
+    EffectKind::NormalMaps,
+    EffectKind::AlphaMask,
+    EffectKind::AreaLights,
+    EffectKind::PunctualLights,
+    EffectKind::Environment,
+    EffectKind::Caustics,
+    EffectKind::Indirect,
+];
+
+fn on(scene: &Scene) -> Vec<&'static str> {
+    let plan = EffectPlan::of(scene);
+    plan.effects.iter().filter(|effect| effect.is_on).map(|effect| effect.kind.name()).collect()
+}
+
+/// A quad of each material under a lamp.
+fn lit_scene(materials: &[Material]) -> Scene {
+    let mut stage = Stage::default();
+    let at = |height: f64| {
+        [DVec3::new(0., height, 0.), DVec3::new(0., height, 1.), DVec3::new(1., height, 1.), DVec3::X]
+    };
+    let lamp = stage.material("lamp", Material::emitter(Rgb::WHITE)).unwrap();
+    stage.place("lamp", quad(at(2.0), &lamp), DAffine3::IDENTITY).unwrap();
+    for (index, material) in materials.iter().enumerate() {
+        let id = stage.material(&format!("m{index}"), material.clone()).unwrap();
+        stage.place(&format!("q{index}"), quad(at(1.0), &id), DAffine3::IDENTITY).unwrap();
+    }
+    stage.finish()
+}
+
+/// Every plan names every effect once, in order, with a reason.
+#[test]
+fn a_plan_names_every_effect_once_with_a_reason() {
+    for scene in [Scene::default(), samples::cornell_box().unwrap(), samples::furnace(0.5, 1.0).unwrap()] {
+        let plan = EffectPlan::of(&scene);
+        assert_eq!(plan.effects.iter().map(|effect| effect.kind).collect::<Vec<_>>(), ALL);
+        assert!(plan.effects.iter().all(|effect| !effect.reason.is_empty()));
+    }
+}
+
+/// An empty scene runs nothing.
+#[test]
+fn an_empty_scene_turns_everything_off() {
+    assert_eq!(on(&Scene::default()), [""; 0]);
+}
+
+/// Matt walls around a lamp: no specular effect, no caustics.
+#[test]
+fn a_diffuse_scene_has_indirect_light_and_no_caustics() {
+    let scene = lit_scene(&[Material::lambert(Rgb::splat(0.5))]);
+    assert_eq!(on(&scene), ["diffuse", "area_lights", "indirect"]);
+}
+
+/// Each material turns on what it needs.
+#[test]
+fn materials_turn_on_their_effects() {
+    let mirror = Material { metallic: 1.0, roughness: 0.0, ..Material::default() };
+    assert_eq!(on(&lit_scene(&[mirror])), ["mirror", "area_lights"]);
+    let brushed = Material { metallic: 1.0, roughness: 0.3, ..Material::default() };
+    assert_eq!(on(&lit_scene(&[brushed])), ["glossy", "area_lights"]);
+    let glass = Material { transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let matt = Material::lambert(Rgb::splat(0.5));
+    assert_eq!(
+        on(&lit_scene(&[glass.clone(), matt])),
+        ["diffuse", "glass", "area_lights", "caustics", "indirect"]
+    );
+    let tea = Material { attenuation_color: Rgb::new(0.8, 0.4, 0.1), attenuation_distance_m: 0.1, ..glass };
+    assert_eq!(on(&lit_scene(&[tea])), ["glass", "absorption", "area_lights"]);
+    let plastic = Material { roughness: 0.4, base_color: Rgb::splat(0.5), ..Material::default() };
+    assert_eq!(on(&lit_scene(&[plastic])), ["diffuse", "glossy", "area_lights", "caustics", "indirect"]);
+    let cut = Material { alpha_cutoff: Some(0.5), ..Material::lambert(Rgb::BLACK) };
+    assert_eq!(on(&lit_scene(&[cut])), ["alpha_mask", "area_lights"]);
+    let sign = Material { unlit: true, ..Material::default() };
+    assert_eq!(on(&lit_scene(&[sign])), ["area_lights"]);
+}
+
+/// Lights count when they are not black; materials when something shows them.
+#[test]
+fn black_lights_and_unplaced_materials_decide_nothing() {
+    let mut stage = Stage::default();
+    stage
+        .material("unused mirror", Material { metallic: 1.0, roughness: 0.0, ..Material::default() })
+        .unwrap();
+    let light = |intensity| Light {
+        parent: None,
+        position: DVec3::ZERO,
+        direction: DVec3::NEG_Z,
+        kind: LightKind::Point { intensity },
+    };
+    stage.light("black", light(Rgb::BLACK)).unwrap();
+    stage.builder().set_environment(Environment::Constant(Rgb::BLACK)).unwrap();
+    assert_eq!(on(&stage.finish()), [""; 0]);
+    let mut stage = Stage::default();
+    stage.light("lit", light(Rgb::WHITE)).unwrap();
+    stage.builder().set_environment(Environment::Constant(Rgb::WHITE)).unwrap();
+    assert_eq!(on(&stage.finish()), ["punctual_lights", "environment"]);
+}
+
+/// The built-in box shows what it was made for.
+#[test]
+fn the_built_in_box_has_glass_mirror_and_caustics() {
+    let scene = samples::cornell_box().unwrap();
+    assert_eq!(on(&scene), ["diffuse", "mirror", "glass", "area_lights", "caustics", "indirect"]);
+    let facts = EffectPlan::of(&scene).facts;
+    assert_eq!((facts.emissive_triangles, facts.triangles), (2, scene.instanced_triangle_count()));
+}

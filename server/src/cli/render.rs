@@ -1,0 +1,379 @@
+//! `lumicast render`: one picture, no server, the same engine.
+//!
+//! Facts go to standard output, diagnostics and the progress bar to standard error. Pictures are built in memory
+//! and written whole: whatever ends the command, no half file is left.
+
+mod alarm;
+mod arguments;
+mod interrupt;
+mod progress;
+mod snapshots;
+mod statistics;
+mod stop;
+
+use std::{
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use lumicast_engine::{
+    effects::EffectPlan,
+    film::{Display, Film, PictureSize},
+    render::{RenderSettings, Rendering},
+    transport::World,
+};
+
+use super::{CliError, scene_source::LoadedScene};
+use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_small, write_file};
+use alarm::Alarm;
+pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
+use interrupt::Interrupt;
+use progress::Progress;
+use snapshots::Snapshots;
+use statistics::{Bytes, Counts, NOT_RUN, Seconds, Statistics};
+use stop::{StopReason, StopRule};
+
+/// Renders the picture that `args` ask for.
+pub fn run(args: RenderArgs) -> Result<(), CliError> {
+    let start = Instant::now();
+    let format = OutputFormat::of(&args.out)?;
+    check_arguments(&args, format)?;
+    let loaded = args.scene.load()?;
+    let job = Job::prepare(&args, &loaded, start)?;
+    let mut rendering = job.rendering();
+    let outcome = job.render(&mut rendering)?;
+    let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
+    let picture = encode(&args, format, rendering.film(), &facts)?;
+    let statistics = job.statistics(&rendering, &outcome);
+    if let Some(signal) = outcome.interrupt.came() {
+        return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
+    }
+    write_file(&args.out, &picture)?;
+    report(&args, &statistics)
+}
+
+/// What can be known to be wrong before any work is done.
+fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliError> {
+    if args.layers && format != OutputFormat::Exr {
+        let message = format!("--layers: only EXR files hold layers, and --out is {}", args.out.display());
+        return Err(CliError::Usage(message));
+    }
+    if format == OutputFormat::Exr && args.exposure != 0.0 {
+        eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
+    }
+    for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
+        let Some(path) = path else { continue };
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        if !folder.is_dir() {
+            let message = format!("{option} {}: there is no folder {}", path.display(), folder.display());
+            return Err(CliError::Usage(message));
+        }
+        if path.is_dir() {
+            return Err(CliError::Usage(format!("{option} {}: this is a folder", path.display())));
+        }
+    }
+    Ok(())
+}
+
+/// A rendering as asked for, everything but its samples.
+struct Job<'a> {
+    args: &'a RenderArgs,
+    camera: Option<String>,
+    view: lumicast_engine::scene::CameraView,
+    size: PictureSize,
+    world: Arc<World>,
+    bvh_seconds: f64,
+    rule: StopRule,
+    pool: rayon::ThreadPool,
+    start: Instant,
+    load_seconds: f64,
+}
+
+/// How a rendering ended.
+struct Outcome {
+    stopped_by: StopReason,
+    /// Since the start, less loading.
+    seconds: f64,
+    frame_seconds: f64,
+    snapshot_count: usize,
+    interrupt: Interrupt,
+}
+
+impl<'a> Job<'a> {
+    fn prepare(args: &'a RenderArgs, loaded: &LoadedScene, start: Instant) -> Result<Job<'a>, CliError> {
+        let scene = &loaded.scene;
+        let camera = find_camera(scene, args.camera.as_deref())?;
+        let size = args.size.unwrap_or_else(|| default_size(camera.map(|(_, camera)| camera)));
+        check_memory(size)?;
+        let view = camera.and_then(|(name, _)| scene.camera_view(Some(name)));
+        if view.is_none() {
+            eprintln!("note: the scene has no camera; showing all of it from the front");
+        }
+        let threads = args.threads.map_or_else(core_count, usize::from);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .thread_name(|index| format!("render {index}"))
+            .build()
+            .map_err(|error| CliError::System {
+                doing: format!("starting {threads} threads"),
+                source: std::io::Error::other(error),
+            })?;
+        let bvh_start = Instant::now();
+        let world = Arc::new(pool.install(|| World::prepare(scene.clone())));
+        Ok(Job {
+            args,
+            camera: camera.map(|(name, _)| name.to_string()),
+            view: view.unwrap_or_else(|| scene.default_view()),
+            size,
+            world,
+            bvh_seconds: bvh_start.elapsed().as_secs_f64(),
+            rule: StopRule::new(args.samples, args.time, args.error),
+            pool,
+            start,
+            load_seconds: loaded.load_seconds,
+        })
+    }
+
+    fn rendering(&self) -> Rendering {
+        let RenderArgs { indirect, bounces, seed, .. } = *self.args;
+        let settings = RenderSettings { indirect, bounces_max: bounces, seed };
+        Rendering::new(self.world.clone(), self.view, self.size, settings)
+    }
+
+    /// Seconds of work: everything since the start but loading the scene.
+    fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64() - self.load_seconds
+    }
+
+    /// The moment at which [`Job::seconds`] will be `seconds`.
+    fn moment(&self, seconds: f64) -> Option<Instant> {
+        self.start.checked_add(Duration::try_from_secs_f64(seconds + self.load_seconds).ok()?)
+    }
+
+    fn render(&self, rendering: &mut Rendering) -> Result<Outcome, CliError> {
+        let mut snapshots = self.args.snapshots.as_deref().map(Snapshots::new).transpose()?;
+        let cancel = Arc::new(AtomicBool::new(false));
+        let alarm = Alarm::new(cancel.clone())?;
+        let interrupt = Interrupt::watch(cancel.clone())?;
+        let mut progress = Progress::new(self.rule);
+        self.announce();
+        let mut frame_seconds = 0.0;
+        let stopped_by = loop {
+            cancel.store(false, Ordering::SeqCst);
+            // The first pass always ends: a picture with holes serves nobody.
+            if rendering.passes() > 0 {
+                self.set_alarm(&alarm, snapshots.as_ref());
+            }
+            // Looked at after the flag was cleared: a signal in between is seen here, a later one sets the flag.
+            if let Some(signal) = interrupt.came() {
+                progress.finish();
+                return Err(self.stopped(
+                    signal,
+                    rendering,
+                    snapshots.map_or(0, |snapshots| snapshots.count()),
+                ));
+            }
+            let step_start = Instant::now();
+            self.pool.install(|| rendering.step(&cancel));
+            frame_seconds += step_start.elapsed().as_secs_f64();
+            let seconds = self.seconds();
+            progress.show(rendering, seconds);
+            if rendering.passes() == 0 || interrupt.came().is_some() {
+                continue;
+            }
+            if let Some(snapshots) = &mut snapshots
+                && seconds >= snapshots.next_seconds()
+            {
+                snapshots.take_if_due(rendering.film(), &self.facts_now(rendering), seconds)?;
+            }
+            if let Some(reason) = self.is_done(rendering.film(), seconds) {
+                break reason;
+            }
+        };
+        progress.finish();
+        let seconds = self.seconds();
+        if let Some(snapshots) = &mut snapshots {
+            snapshots.take(rendering.film(), &self.facts_now(rendering), seconds)?;
+        }
+        let snapshot_count = snapshots.map_or(0, |snapshots| snapshots.count());
+        Ok(Outcome { stopped_by, seconds, frame_seconds, snapshot_count, interrupt })
+    }
+
+    /// Sample and error bounds are looked at after whole passes only, so that no alarm decides about them.
+    fn is_done(&self, film: &Film, seconds: f64) -> Option<StopReason> {
+        let is_whole = film.passes_min() == film.passes_max();
+        let by_film = if is_whole { self.rule.is_done(film) } else { None };
+        by_film
+            .or_else(|| self.rule.time.filter(|time| seconds >= time.as_secs_f64()).map(|_| StopReason::Time))
+    }
+
+    fn set_alarm(&self, alarm: &Alarm, snapshots: Option<&Snapshots>) {
+        let limit = self.rule.time.map(|time| time.as_secs_f64());
+        let due = snapshots.map(Snapshots::next_seconds);
+        let earliest = limit.into_iter().chain(due).reduce(f64::min);
+        if let Some(moment) = earliest.and_then(|seconds| self.moment(seconds)) {
+            alarm.set(moment);
+        }
+    }
+
+    fn announce(&self) {
+        eprintln!(
+            "rendering {} from {}, {}×{}, {} threads",
+            self.args.scene,
+            self.camera.as_deref().unwrap_or("the front"),
+            self.size.width(),
+            self.size.height(),
+            self.pool.current_num_threads(),
+        );
+    }
+
+    fn facts_now(&self, rendering: &Rendering) -> PictureFacts {
+        let (error, error_ci, _) = statistics::shown_errors(rendering.film().measured_error());
+        PictureFacts {
+            // A file is a scene before its first edit.
+            revision: 1,
+            seed: self.args.seed,
+            samples_per_pixel: rendering.passes(),
+            technique: rendering.card().name,
+            error,
+            error_ci,
+            seconds: None,
+        }
+    }
+
+    fn facts(&self, rendering: &Rendering, stopped_by: StopReason, seconds: f64) -> PictureFacts {
+        let seconds = (stopped_by == StopReason::Time).then_some(seconds);
+        PictureFacts { seconds, ..self.facts_now(rendering) }
+    }
+
+    fn stopped(
+        &self,
+        (name, number): (&'static str, u8),
+        rendering: &Rendering,
+        snapshot_count: usize,
+    ) -> CliError {
+        let done = format!("{} samples per pixel in {:.1} s", rendering.passes(), self.seconds());
+        let mut left = format!("{} was not written", self.args.out.display());
+        if let Some(folder) = &self.args.snapshots {
+            left += &format!("; {snapshot_count} snapshots are in {}", folder.display());
+        }
+        CliError::Signal { name, number, done, left }
+    }
+
+    fn statistics(&self, rendering: &Rendering, outcome: &Outcome) -> Statistics {
+        let (film, counts, report) = (rendering.film(), rendering.counts(), self.world.report());
+        let (error, error_ci, error_trimmed) = statistics::shown_errors(film.measured_error());
+        let plan = EffectPlan::of(self.world.scene());
+        Statistics {
+            version: env!("CARGO_PKG_VERSION"),
+            scene: self.args.scene.to_string(),
+            camera: self.camera.clone(),
+            size: [self.size.width(), self.size.height()],
+            out: self.args.out.display().to_string(),
+            technique: rendering.card().name,
+            backend: "cpu",
+            adapter: None,
+            threads: self.pool.current_num_threads(),
+            seed: self.args.seed,
+            samples_per_pixel: rendering.passes(),
+            stopped_by: outcome.stopped_by.name(),
+            error,
+            error_ci,
+            error_trimmed,
+            seconds: Seconds {
+                load: self.load_seconds,
+                bvh: self.bvh_seconds,
+                frame: outcome.frame_seconds,
+                total: outcome.seconds + self.load_seconds,
+                ..Seconds::default()
+            },
+            counts: Counts {
+                rays: counts.rays + counts.shadow_rays,
+                shadow_rays: counts.shadow_rays,
+                paths: counts.paths,
+                dropped_samples: film.dropped_samples(),
+                ..Counts::default()
+            },
+            bytes: Bytes {
+                meshes: report.mesh_bytes,
+                textures: report.texture_bytes,
+                bvh: report.accel.bytes,
+                lights: report.light_bytes,
+                film: film.bytes(),
+            },
+            effects: statistics::effects(&plan, self.args.indirect, self.args.bounces),
+            not_run: NOT_RUN.to_vec(),
+        }
+    }
+}
+
+fn core_count() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Refuses a film that the machine cannot hold, instead of being killed half way.
+fn check_memory(size: PictureSize) -> Result<(), CliError> {
+    // The sums, and up to 100 bytes a pixel for pictures and layers on their way into a file.
+    let needed = size.pixel_count() as u64 * (Film::BYTES_PER_PIXEL as u64 + 100);
+    match available_bytes() {
+        Some(available) if needed > available => Err(CliError::Usage(format!(
+            "--size {}x{}: needs {} MB, and {} MB of memory are free",
+            size.width(),
+            size.height(),
+            needed / 1_000_000,
+            available / 1_000_000
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Memory that can be had without swapping, where the system says so.
+fn available_bytes() -> Option<u64> {
+    let facts = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = facts.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().trim_end_matches("kB").trim().parse::<u64>().ok()? * 1024)
+}
+
+fn encode(
+    args: &RenderArgs,
+    format: OutputFormat,
+    film: &Film,
+    facts: &PictureFacts,
+) -> Result<Vec<u8>, CliError> {
+    let rgb8 = || Display::new(args.tone_map, args.exposure).show_all(&film.radiance());
+    let layers = if args.layers { ExrLayers::All } else { ExrLayers::Plain };
+    Ok(match format {
+        OutputFormat::Exr => encode_exr(film, layers, facts)?,
+        OutputFormat::Png => png_small(&rgb8(), film.size())?,
+        OutputFormat::Jpeg => jpeg(&rgb8(), film.size(), JpegQuality::FILE)?,
+    })
+}
+
+fn report(args: &RenderArgs, statistics: &Statistics) -> Result<(), CliError> {
+    let dropped = statistics.counts.dropped_samples;
+    if dropped > 0 {
+        eprintln!("warning: {dropped} samples were not finite or negative and count as black");
+    }
+    let broken = |error: serde_json::Error| CliError::System {
+        doing: "writing the statistics as JSON".into(),
+        source: error.into(),
+    };
+    if let Some(path) = &args.stats {
+        let mut json = serde_json::to_vec_pretty(statistics).map_err(broken)?;
+        json.push(b'\n');
+        write_file(path, &json)?;
+    }
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(statistics).map_err(broken)?);
+    } else {
+        println!("{}", statistics.summary());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,299 @@
+//! Values of `lumicast render`'s options: how they are written and what they mean.
+
+use std::{
+    path::{Path, PathBuf},
+    str::FromStr,
+    time::Duration,
+};
+
+use lumicast_engine::{
+    film::{PictureSize, ToneMap},
+    render::Indirect,
+    scene::{Camera, Scene},
+};
+
+use super::super::{CliError, SceneSource};
+
+/// Render one picture, without a server, with the same engine.
+///
+/// Stops at the first of --samples, --time and --error that is given and reached. When none is given, it stops
+/// at 2 % error or after 60 seconds.
+/// The same scene, seed and --samples or --error give the same bytes, whatever the number of threads.
+#[derive(Clone, Debug, clap::Args)]
+pub struct RenderArgs {
+    /// Scene file (.glb, .gltf, .obj) or builtin:cornell-box
+    pub scene: SceneSource,
+    /// Picture to write: .exr (linear radiance), .png or .jpg (exposure, tone map, sRGB)
+    #[arg(long, value_name = "IMG")]
+    pub out: PathBuf,
+    /// Camera by name; the scene's first when left out, a view of the whole scene when it has none
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
+    /// Picture size, such as 1280x720. When left out: 256x256 for a camera of aspect 1, else 180 rows at the
+    /// camera's aspect, 320x180 for a camera without
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    pub size: Option<PictureSize>,
+    /// Technique of indirect light: auto (the best that exists so far), path, none; octree, irradiance and
+    /// lightmap are planned
+    #[arg(long, default_value = "auto", value_name = "TECHNIQUE", value_parser = parse_indirect)]
+    pub indirect: Indirect,
+    /// Stop after this long, such as 10s, 500ms, 2m; counts everything but reading the scene. Every pixel gets
+    /// one sample in any case
+    #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
+    pub time: Option<Duration>,
+    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%
+    #[arg(long, value_name = "SHARE", value_parser = parse_error)]
+    pub error: Option<f64>,
+    /// Stop at this many samples per pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub samples: Option<u32>,
+    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out
+    #[arg(long, value_name = "N")]
+    pub bounces: Option<u32>,
+    /// Names the random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Threads; one per core when left out
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Backend: auto, cpu; gpu is planned
+    #[arg(long, default_value = "auto", value_name = "BACKEND", value_parser = parse_backend)]
+    pub backend: Backend,
+    /// Add layers to the EXR: emitted, direct, caustics, indirect, albedo, normal, depth, variance
+    #[arg(long)]
+    pub layers: bool,
+    /// Exposure of PNG and JPEG in stops
+    #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_exposure)]
+    pub exposure: f32,
+    /// Tone map of PNG and JPEG: linear, reinhard, aces, agx
+    #[arg(long, value_name = "NAME", default_value = "agx")]
+    pub tone_map: ToneMap,
+    /// Write 0001.exr, 0002.exr … at 0.1, 0.2, 0.5, 1, 2, 5 … seconds and at the end, and index.json
+    #[arg(long, value_name = "DIR")]
+    pub snapshots: Option<PathBuf>,
+    /// Write times, counts, bytes, effects and the error as JSON
+    #[arg(long, value_name = "FILE.json")]
+    pub stats: Option<PathBuf>,
+    /// Print the statistics as JSON instead of one line
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Where light is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Backend {
+    /// The best that exists: the CPU.
+    Auto,
+    /// The CPU.
+    Cpu,
+}
+
+/// What is written to `--out`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputFormat {
+    /// Linear radiance.
+    Exr,
+    /// Display values, lossless.
+    Png,
+    /// Display values.
+    Jpeg,
+}
+
+impl OutputFormat {
+    /// The format that a file's extension stands for.
+    pub fn of(path: &Path) -> Result<OutputFormat, CliError> {
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        match extension.to_ascii_lowercase().as_str() {
+            "exr" => Ok(OutputFormat::Exr),
+            "png" => Ok(OutputFormat::Png),
+            "jpg" | "jpeg" => Ok(OutputFormat::Jpeg),
+            _ => {
+                let message =
+                    format!("--out {}: the name must end in .exr, .png, .jpg or .jpeg", path.display());
+                Err(CliError::Usage(message))
+            }
+        }
+    }
+}
+
+fn parse_size(value: &str) -> Result<PictureSize, String> {
+    let (width, height) = value.split_once('x').ok_or("expected WIDTHxHEIGHT, such as 1280x720")?;
+    let side = |side: &str| u32::from_str(side).map_err(|_| format!("{side:?} is not a number of pixels"));
+    PictureSize::new(side(width)?, side(height)?).map_err(|error| error.to_string())
+}
+
+fn parse_indirect(value: &str) -> Result<Indirect, String> {
+    match value {
+        "auto" => Ok(Indirect::Auto),
+        "path" => Ok(Indirect::Path),
+        "none" => Ok(Indirect::None),
+        "octree" | "irradiance" | "lightmap" => {
+            Err(format!("{value} is planned but does not exist yet: choose auto, path or none"))
+        }
+        _ => Err("choose auto, path or none".into()),
+    }
+}
+
+fn parse_backend(value: &str) -> Result<Backend, String> {
+    match value {
+        "auto" => Ok(Backend::Auto),
+        "cpu" => Ok(Backend::Cpu),
+        "gpu" => Err("the GPU backend is planned but does not exist yet: choose auto or cpu".into()),
+        _ => Err("choose auto or cpu".into()),
+    }
+}
+
+/// A number with one of the units ms, s, m, h; seconds without.
+fn parse_duration(value: &str) -> Result<Duration, String> {
+    let number_end = value.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(value.len());
+    let (number, unit) = value.split_at(number_end);
+    let unit_seconds = match unit {
+        "ms" => 1e-3,
+        "s" | "" => 1.0,
+        "m" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(format!("unit {unit:?}: choose ms, s, m or h")),
+    };
+    let seconds = f64::from_str(number).map_err(|_| format!("{number:?} is not a number"))? * unit_seconds;
+    // A year: longer waits are slips of the keyboard, and far longer ones do not fit a Duration.
+    if seconds > 0.0 && seconds <= 366.0 * 86400.0 {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err("must be above zero and at most a year".into())
+    }
+}
+
+fn parse_error(value: &str) -> Result<f64, String> {
+    let (number, factor) = match value.strip_suffix('%') {
+        Some(number) => (number, 0.01),
+        None => (value, 1.0),
+    };
+    let error = f64::from_str(number).map_err(|_| format!("{number:?} is not a number"))? * factor;
+    if error > 0.0 && error < 1.0 {
+        Ok(error)
+    } else {
+        Err("must be above 0 and below 1 (0.02 or 2% stops at two percent)".into())
+    }
+}
+
+fn parse_exposure(value: &str) -> Result<f32, String> {
+    match f32::from_str(value) {
+        // 2^±64 spans every radiance that a scene may hold.
+        Ok(stops) if (-64.0..=64.0).contains(&stops) => Ok(stops),
+        Ok(_) => Err("must be between -64 and 64 stops".into()),
+        Err(_) => Err("not a number of stops".into()),
+    }
+}
+
+/// The size of a picture when none is asked for: see [`RenderArgs::size`].
+pub fn default_size(camera: Option<&Camera>) -> PictureSize {
+    let aspect = camera.and_then(|camera| camera.aspect).unwrap_or(16.0 / 9.0);
+    let (width, height) =
+        if (aspect - 1.0).abs() < 1e-3 { (256.0, 256) } else { ((180.0 * aspect).round(), 180) };
+    let width = width.clamp(1.0, f64::from(PictureSize::SIDE_MAX)) as u32;
+    // Both sides are within bounds by construction; a pixel is the answer to the impossible.
+    PictureSize::new(width, height).or_else(|_| PictureSize::new(1, 1)).unwrap_or_else(|_| unreachable!())
+}
+
+/// The camera called `name`, or the scene's first.
+pub fn find_camera<'a>(
+    scene: &'a Scene,
+    name: Option<&str>,
+) -> Result<Option<(&'a str, &'a Camera)>, CliError> {
+    let Some(name) = name else {
+        return Ok(scene.cameras().first().map(|(id, camera)| (id.as_str(), camera)));
+    };
+    if let Some((id, camera)) = scene.cameras().get_key_value(name) {
+        return Ok(Some((id.as_str(), camera)));
+    }
+    let names: Vec<&str> = scene.cameras().keys().map(|id| id.as_str()).collect();
+    let there_is =
+        if names.is_empty() { "it has none".into() } else { format!("it has {}", names.join(", ")) };
+    Err(CliError::Usage(format!("--camera {name}: the scene has no such camera: {there_is}")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DAffine3;
+    use lumicast_engine::scene::{Projection, samples};
+
+    /// What is written is what is meant; what cannot be meant is refused.
+    #[test]
+    fn durations_errors_and_sizes_are_read_in_their_units() {
+        let millis = |value| parse_duration(value).map(|duration| duration.as_millis()).ok();
+        assert_eq!(millis("10s"), Some(10_000));
+        assert_eq!(millis("2.5"), Some(2500));
+        assert_eq!(
+            (millis("500ms"), millis("2m"), millis("1h")),
+            (Some(500), Some(120_000), Some(3_600_000))
+        );
+        for bad in ["", "0s", "-1s", "10d", "s", "1e300h", "nan", "inf"] {
+            assert!(parse_duration(bad).is_err(), "{bad}");
+        }
+        assert_eq!((parse_error("0.02"), parse_error("2%")), (Ok(0.02), Ok(0.02)));
+        for bad in ["0", "1", "100%", "-1", "nan", "x"] {
+            assert!(parse_error(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_size("320x180").map(|size| (size.width(), size.height())), Ok((320, 180)));
+        for bad in ["320", "320x", "x1", "0x1", "320X180", "99999x1", "-1x2"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+    }
+
+    /// Techniques and backends that do not exist yet are refused by name, with those that do.
+    #[test]
+    fn what_does_not_exist_yet_is_refused_with_what_does() {
+        for name in ["octree", "irradiance", "lightmap"] {
+            let message = parse_indirect(name).unwrap_err();
+            assert!(message.contains("does not exist yet") && message.contains("auto, path or none"));
+        }
+        assert!(parse_backend("gpu").unwrap_err().contains("auto or cpu"));
+    }
+
+    /// The default size follows the camera's aspect.
+    #[test]
+    fn default_sizes_follow_the_aspect() {
+        let size = |aspect| {
+            let projection = Projection::Perspective { yfov_rad: 1.0 };
+            let camera = Camera { parent: None, parent_from_camera: DAffine3::IDENTITY, projection, aspect };
+            let size = default_size(Some(&camera));
+            (size.width(), size.height())
+        };
+        assert_eq!(size(Some(1.0)), (256, 256));
+        assert_eq!(size(Some(16.0 / 9.0)), (320, 180));
+        assert_eq!(size(Some(1.7777)), (320, 180));
+        assert_eq!(size(None), (320, 180));
+        assert_eq!(size(Some(0.002)), (1, 180));
+        assert_eq!(size(Some(999.0)), (PictureSize::SIDE_MAX, 180));
+        let none = default_size(None);
+        assert_eq!((none.width(), none.height()), (320, 180));
+    }
+
+    /// Cameras are found by name; a wrong name is answered with the right ones.
+    #[test]
+    fn cameras_are_found_by_name() {
+        let scene = samples::cornell_box().unwrap();
+        assert_eq!(find_camera(&scene, None).unwrap().unwrap().0, "main");
+        assert_eq!(find_camera(&scene, Some("corner")).unwrap().unwrap().0, "corner");
+        let message = find_camera(&scene, Some("roof")).unwrap_err().to_string();
+        assert!(message.contains("main, corner"), "{message}");
+        assert!(find_camera(&Scene::default(), None).unwrap().is_none());
+        assert!(find_camera(&Scene::default(), Some("x")).unwrap_err().to_string().contains("it has none"));
+    }
+
+    /// The format is that of the extension.
+    #[test]
+    fn formats_are_told_by_the_extension() {
+        let format = |name: &str| OutputFormat::of(Path::new(name));
+        assert_eq!(format("a.EXR").unwrap(), OutputFormat::Exr);
+        assert_eq!(format("a.b.png").unwrap(), OutputFormat::Png);
+        assert_eq!(
+            (format("x.jpg").unwrap(), format("x.jpeg").unwrap()),
+            (OutputFormat::Jpeg, OutputFormat::Jpeg)
+        );
+        for bad in ["a", "a.tiff", ".exr", ""] {
+            assert_eq!(format(bad).unwrap_err().exit_code(), 2, "{bad}");
+        }
+    }
+}

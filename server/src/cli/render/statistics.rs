@@ -1,0 +1,211 @@
+//! `--stats`: what a rendering took, did and reached.
+
+use std::collections::BTreeMap;
+
+use lumicast_engine::{
+    effects::{EffectKind, EffectPlan},
+    film::MeasuredError,
+    render::Indirect,
+};
+use serde::Serialize;
+
+/// The file of `--stats` and the output of `--json`. Keys of parts that did not run are 0 and named in `not_run`.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Statistics {
+    /// Version of the program.
+    pub(super) version: &'static str,
+    /// The scene as it was named.
+    pub(super) scene: String,
+    /// The camera; nothing for a view of the whole scene.
+    pub(super) camera: Option<String>,
+    /// Width and height in pixels.
+    pub(super) size: [u32; 2],
+    /// The picture that was written.
+    pub(super) out: String,
+    /// Technique of light.
+    pub(super) technique: &'static str,
+    /// Where light was computed.
+    pub(super) backend: &'static str,
+    /// Graphics adapter; nothing on the CPU.
+    pub(super) adapter: Option<String>,
+    /// Threads that rendered.
+    pub(super) threads: usize,
+    /// Seed of the random numbers.
+    pub(super) seed: u64,
+    /// Samples that every pixel has.
+    pub(super) samples_per_pixel: u32,
+    /// What ended it: samples, time, error or black.
+    pub(super) stopped_by: &'static str,
+    /// Measured error, √relMSE, as a share.
+    pub(super) error: Option<f64>,
+    /// 95 % confidence interval of `error`.
+    pub(super) error_ci: Option<[f64; 2]>,
+    /// `error` without the worst 0.1 % of pixels.
+    pub(super) error_trimmed: Option<f64>,
+    /// Seconds.
+    pub(super) seconds: Seconds,
+    /// How many.
+    pub(super) counts: Counts,
+    /// Memory of each structure.
+    pub(super) bytes: Bytes,
+    /// Each effect and why it ran or did not.
+    pub(super) effects: BTreeMap<&'static str, EffectState>,
+    /// Keys above that are 0 because their part does not exist yet or was not asked for.
+    pub(super) not_run: Vec<&'static str>,
+}
+
+/// Seconds by part.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Seconds {
+    /// Reading, decoding and checking the scene.
+    pub(super) load: f64,
+    /// Trees and lights.
+    pub(super) bvh: f64,
+    /// Photon maps.
+    pub(super) photons: f64,
+    /// Light octree.
+    pub(super) octree: f64,
+    /// Final gathering.
+    pub(super) gather: f64,
+    /// Splatting.
+    pub(super) splat: f64,
+    /// Sampling the picture.
+    pub(super) frame: f64,
+    /// Everything from the start of the command, `load` included, to the finished picture in memory.
+    pub(super) total: f64,
+}
+
+/// How many of each.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Counts {
+    /// Rays of both kinds.
+    pub(super) rays: u64,
+    /// Of these, rays towards lights.
+    pub(super) shadow_rays: u64,
+    /// Paths begun at the eye.
+    pub(super) paths: u64,
+    /// Samples that were not finite or negative and count as black.
+    pub(super) dropped_samples: u64,
+    /// Photons kept.
+    pub(super) photons_stored: u64,
+    /// Cells of the light octree.
+    pub(super) voxels: u64,
+    /// Virtual directional lights in them.
+    pub(super) vdls: u64,
+    /// Irradiance records.
+    pub(super) records: u64,
+    /// Light-map texels.
+    pub(super) texels: u64,
+}
+
+/// Memory by structure.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Bytes {
+    /// Vertices and triangles.
+    pub(super) meshes: usize,
+    /// Texels of the scene's textures.
+    pub(super) textures: usize,
+    /// Trees.
+    pub(super) bvh: usize,
+    /// Lights and their tree.
+    pub(super) lights: usize,
+    /// Sums of samples.
+    pub(super) film: usize,
+}
+
+/// One effect in the statistics.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct EffectState {
+    /// It ran.
+    pub(super) on: bool,
+    /// Why, or why not.
+    pub(super) reason: String,
+}
+
+/// Keys whose parts no technique of today runs.
+pub(super) const NOT_RUN: [&str; 9] = [
+    "seconds.photons",
+    "seconds.octree",
+    "seconds.gather",
+    "seconds.splat",
+    "counts.photons_stored",
+    "counts.voxels",
+    "counts.vdls",
+    "counts.records",
+    "counts.texels",
+];
+
+/// The scene's plan as the options left it.
+pub(super) fn effects(
+    plan: &EffectPlan,
+    indirect: Indirect,
+    bounces: Option<u32>,
+) -> BTreeMap<&'static str, EffectState> {
+    let ruled_out = |kind: EffectKind| match kind {
+        EffectKind::Caustics | EffectKind::Indirect if indirect == Indirect::None => Some("--indirect none"),
+        // The path to a caustic or to indirect light scatters twice at least.
+        EffectKind::Caustics | EffectKind::Indirect if bounces.is_some_and(|bounces| bounces < 2) => {
+            Some("--bounces below 2")
+        }
+        _ => None,
+    };
+    plan.effects
+        .iter()
+        .map(|effect| {
+            let state = match ruled_out(effect.kind).filter(|_| effect.is_on) {
+                Some(option) => EffectState { on: false, reason: format!("turned off by {option}") },
+                None => EffectState { on: effect.is_on, reason: effect.reason.clone() },
+            };
+            (effect.kind.name(), state)
+        })
+        .collect()
+}
+
+/// Error, interval and trimmed error as people are shown them.
+pub(super) fn shown_errors(measured: Option<MeasuredError>) -> (Option<f64>, Option<[f64; 2]>, Option<f64>) {
+    let error = measured.map(|measured| measured.error());
+    let interval = measured.map(|measured| measured.error_interval_95());
+    (error, interval, measured.map(|measured| measured.trimmed.sqrt()))
+}
+
+impl Statistics {
+    /// One line for people.
+    pub(super) fn summary(&self) -> String {
+        let percent = |share: f64| share * 100.0;
+        let error = match (self.error, self.error_ci) {
+            (Some(error), Some([low, high])) => {
+                format!("error {:.2} % ({:.2}–{:.2} %)", percent(error), percent(low), percent(high))
+            }
+            _ => "error unknown".into(),
+        };
+        format!(
+            "{}: {}×{}, {} samples per pixel, {error}, {:.2} s (and {:.2} s to load), {:.2} M rays/s, stopped by {}",
+            self.out,
+            self.size[0],
+            self.size[1],
+            self.samples_per_pixel,
+            self.seconds.total - self.seconds.load,
+            self.seconds.load,
+            self.counts.rays as f64 / self.seconds.frame.max(1e-9) / 1e6,
+            self.stopped_by,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lumicast_engine::scene::samples;
+
+    /// Options turn effects off and say so; what the scene turned off keeps its own reason.
+    #[test]
+    fn options_turn_effects_off_by_name() {
+        let plan = EffectPlan::of(&samples::cornell_box().unwrap());
+        let all = effects(&plan, Indirect::Auto, None);
+        assert!(all["indirect"].on && all["caustics"].on && !all["absorption"].on);
+        for run in [effects(&plan, Indirect::None, None), effects(&plan, Indirect::Auto, Some(1))] {
+            assert!(!run["indirect"].on && run["indirect"].reason.contains("--"));
+            assert_eq!(run["absorption"], all["absorption"]);
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! When a rendering is done.
+
+use std::time::Duration;
+
+use lumicast_engine::film::Film;
+
+/// Why a rendering ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum StopReason {
+    /// `--samples`.
+    Samples,
+    /// `--time`.
+    Time,
+    /// `--error`.
+    Error,
+    /// The picture is black, so its relative error has no meaning and never will.
+    Black,
+}
+
+impl StopReason {
+    /// Word for statistics and messages.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            StopReason::Samples => "samples",
+            StopReason::Time => "time",
+            StopReason::Error => "error",
+            StopReason::Black => "black",
+        }
+    }
+}
+
+/// Bounds of a rendering; the first that is reached ends it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct StopRule {
+    /// Samples per pixel.
+    pub(super) samples: Option<u32>,
+    /// Time since the scene was loaded.
+    pub(super) time: Option<Duration>,
+    /// Measured error, √relMSE.
+    pub(super) error: Option<f64>,
+}
+
+/// Before this many samples per pixel the measured error ends nothing: light that one path in ten finds is still
+/// missing from a fifth of the pixels (0.9¹⁶), and a pixel that has not found it believes to be done.
+const ERROR_SAMPLES_MIN: u32 = 16;
+/// A picture that is still black after this many samples per pixel will stay so.
+const BLACK_SAMPLES: u32 = 64;
+
+impl StopRule {
+    /// The bounds asked for; 2 % error or 60 seconds when none is.
+    pub(super) fn new(samples: Option<u32>, time: Option<Duration>, error: Option<f64>) -> StopRule {
+        if samples.is_none() && time.is_none() && error.is_none() {
+            StopRule { samples, time: Some(Duration::from_secs(60)), error: Some(0.02) }
+        } else {
+            StopRule { samples, time, error }
+        }
+    }
+
+    /// Whether the film, after a whole pass, is done. Depends on nothing but the film, so that without a time
+    /// limit the stopping point is the same on every machine.
+    pub(super) fn is_done(&self, film: &Film) -> Option<StopReason> {
+        let passes = film.passes_min();
+        if self.samples.is_some_and(|samples| passes >= samples) {
+            return Some(StopReason::Samples);
+        }
+        let target = self.error?;
+        if !is_check_point(passes) {
+            return None;
+        }
+        match film.measured_error() {
+            Some(error) if error.error() <= target => Some(StopReason::Error),
+            None if passes >= BLACK_SAMPLES => Some(StopReason::Black),
+            _ => None,
+        }
+    }
+}
+
+/// The measured error is looked at about every 6 % of the samples: often enough to waste little, seldom enough that
+/// waiting for a lucky value gains nothing. Even counts only: there the halves are equal.
+fn is_check_point(passes: u32) -> bool {
+    let step = (passes / 16).next_power_of_two().max(2);
+    passes >= ERROR_SAMPLES_MIN && passes.is_multiple_of(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use lumicast_engine::{
+        film::{PictureSize, PixelSample},
+        math::Rgb,
+    };
+
+    fn film_of(passes: u32, radiance: impl Fn(u32) -> f32) -> Film {
+        let mut film = Film::new(PictureSize::new(8, 8).unwrap());
+        for pass in 0..passes {
+            let mut sample = PixelSample::BLACK;
+            sample.radiance[0] = Rgb::splat(radiance(pass));
+            film.tiles_mut().iter_mut().for_each(|tile| tile.add_pass(|_, _| sample));
+        }
+        film
+    }
+
+    /// Each bound ends the rendering by itself, and nothing ends it before.
+    #[test]
+    fn each_bound_ends_the_rendering() {
+        let samples = StopRule::new(Some(3), None, None);
+        assert_eq!(samples.is_done(&film_of(2, |_| 1.0)), None);
+        assert_eq!(samples.is_done(&film_of(3, |_| 1.0)), Some(StopReason::Samples));
+        let error = StopRule::new(None, None, Some(0.1));
+        assert_eq!(error.is_done(&film_of(14, |_| 1.0)), None);
+        assert_eq!(error.is_done(&film_of(16, |_| 1.0)), Some(StopReason::Error));
+        // The halves see 0 and 2: 100 % apart at any count.
+        assert_eq!(error.is_done(&film_of(64, |pass| (pass % 2 * 2) as f32)), None);
+        assert_eq!(error.is_done(&film_of(62, |_| 0.0)), None);
+        assert_eq!(error.is_done(&film_of(64, |_| 0.0)), Some(StopReason::Black));
+    }
+
+    /// Without a bound there is one.
+    #[test]
+    fn there_is_always_a_bound() {
+        let rule = StopRule::new(None, None, None);
+        assert_eq!((rule.time, rule.error), (Some(Duration::from_secs(60)), Some(0.02)));
+        assert_eq!(StopRule::new(Some(1), None, None).time, None);
+    }
+
+    /// Checks are at even counts, at most 13 % apart, at any count.
+    #[test]
+    fn checks_are_even_and_never_far_apart() {
+        let checks: Vec<u32> = (1..100_000).filter(|passes| is_check_point(*passes)).collect();
+        assert_eq!(checks[0], ERROR_SAMPLES_MIN);
+        assert!(checks.iter().all(|passes| passes % 2 == 0));
+        assert!(checks.windows(2).all(|pair| f64::from(pair[1]) <= f64::from(pair[0]) * 1.13));
+    }
+}
