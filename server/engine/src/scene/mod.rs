@@ -16,6 +16,8 @@ mod mesh;
 mod mesh_check;
 mod node;
 pub mod samples;
+#[cfg(test)]
+mod tests;
 mod texture;
 
 use std::sync::Arc;
