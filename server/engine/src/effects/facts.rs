@@ -76,11 +76,16 @@ impl SceneFacts {
         }
         add(&mut self.normal_mapped, material.texture(TextureSlot::Normal).is_some());
         add(&mut self.diffuse, has_diffuse_lobe(material));
-        let is_glass = material.transmission > 0.0;
+        // Where metallic is 1 nothing passes, and where transmission is 0 the coat shows: textures only lower both.
+        let is_glass = material.transmission > 0.0
+            && (material.metallic < 1.0 || material.texture(TextureSlot::MetallicRoughness).is_some());
+        let is_glass_all_over = material.transmission > 0.0
+            && material.metallic < 1.0
+            && material.texture(TextureSlot::Transmission).is_none();
         add(&mut self.glass, is_glass);
         let is_coloured = material.attenuation_color.to_array() != [1.0; 3];
         add(&mut self.absorbing, is_glass && is_coloured && material.attenuation_distance_m.is_finite());
-        let is_specular = !is_glass && has_specular_lobe(material);
+        let is_specular = !is_glass_all_over && has_specular_lobe(material);
         let can_be_smooth = material.roughness * material.roughness < SMOOTH_ALPHA
             || material.texture(TextureSlot::MetallicRoughness).is_some();
         let can_be_rough = material.roughness * material.roughness >= SMOOTH_ALPHA;

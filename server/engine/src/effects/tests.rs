@@ -3,7 +3,8 @@
 use super::{EffectKind, EffectPlan};
 use crate::math::Rgb;
 use crate::scene::{
-    Environment, Light, LightKind, Material, Scene,
+    Environment, Id, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits, Texels, Texture,
+    TextureRef, TextureSlot,
     samples::{self, Stage, quad},
 };
 use glam::{DAffine3, DVec3};
@@ -44,6 +45,16 @@ fn lit_scene(materials: &[Material]) -> Scene {
     stage.finish()
 }
 
+/// The same of one material with a grey texture in `slot`.
+fn lit_with_texture(mut material: Material, slot: TextureSlot) -> Scene {
+    let mut builder = SceneBuilder::from_scene(&lit_scene(&[Material::default()]), SceneLimits::default());
+    let grey = Texture { width: 1, height: 1, texels: Texels::Rgba8(vec![[128; 4]]) };
+    builder.add_texture(Id::sanitised("grey", "grey"), grey).unwrap();
+    material.textures[slot as usize] = Some(TextureRef::new(Id::sanitised("grey", "grey")));
+    builder.set_material(Id::sanitised("m0", "m0"), material).unwrap();
+    builder.finish().0
+}
+
 /// Every plan names every effect once, in order, with a reason.
 #[test]
 fn a_plan_names_every_effect_once_with_a_reason() {
@@ -80,8 +91,21 @@ fn materials_turn_on_their_effects() {
         on(&lit_scene(&[glass.clone(), matt])),
         ["diffuse", "glass", "area_lights", "caustics", "indirect"]
     );
+    let glass_or_metal = glass.clone();
     let tea = Material { attenuation_color: Rgb::new(0.8, 0.4, 0.1), attenuation_distance_m: 0.1, ..glass };
     assert_eq!(on(&lit_scene(&[tea])), ["glass", "absorption", "area_lights"]);
+    // Metal does not let light through, whatever its transmission says; a texture may leave glass and coat side by side.
+    let metal = Material { metallic: 1.0, ..glass_or_metal.clone() };
+    assert_eq!(on(&lit_scene(&[metal])), ["mirror", "area_lights"]);
+    assert_eq!(
+        on(&lit_with_texture(glass_or_metal.clone(), TextureSlot::Transmission)),
+        ["diffuse", "mirror", "glass", "textures", "area_lights", "caustics", "indirect"]
+    );
+    let metal = Material { metallic: 1.0, ..glass_or_metal };
+    assert_eq!(
+        on(&lit_with_texture(metal, TextureSlot::MetallicRoughness)),
+        ["mirror", "glass", "textures", "area_lights"]
+    );
     let plastic = Material { roughness: 0.4, base_color: Rgb::splat(0.5), ..Material::default() };
     assert_eq!(on(&lit_scene(&[plastic])), ["diffuse", "glossy", "area_lights", "caustics", "indirect"]);
     let cut = Material { alpha_cutoff: Some(0.5), ..Material::lambert(Rgb::BLACK) };
