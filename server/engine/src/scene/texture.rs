@@ -137,7 +137,7 @@ impl TextureRef {
     pub fn sample(&self, texture: &Texture, uv: Vec2, encoding: Encoding) -> Vec4 {
         let uv = self.uv_transform.transform_point2(uv);
         // Beyond a billion repeats f32 has no fraction left: show the first texel rather than overflow.
-        let uv = if uv.abs().max_element() < 1e9 { uv } else { Vec2::ZERO };
+        let uv = if uv.abs().cmplt(Vec2::splat(1e9)).all() { uv } else { Vec2::ZERO };
         let (width, height) = (texture.width, texture.height);
         if self.filter == Filter::Nearest {
             let at =
@@ -207,6 +207,11 @@ mod tests {
             for coordinate in [1e9, -1e9, 1e30, -1e30, f32::MAX, f32::MIN, f32::NAN, f32::INFINITY] {
                 assert!(reference.sample(&texture, Vec2::splat(coordinate), Encoding::Srgb).is_finite());
             }
+            // Finite numbers whose products overflow against each other, in one coordinate alone.
+            let mut steep = reference.clone();
+            steep.uv_transform.matrix2.x_axis.x = 1e38;
+            steep.uv_transform.matrix2.y_axis.x = -1e38;
+            assert!(steep.sample(&texture, Vec2::splat(10.0), Encoding::Srgb).is_finite());
         }
     }
 }
