@@ -213,6 +213,75 @@ fn lights_without_size_light_surfaces_as_the_textbook_says() {
     }
 }
 
+/// No light that lights a surface has chance zero there: a light without size would be lost for good.
+#[test]
+fn every_light_that_reaches_a_surface_can_be_drawn() {
+    let numbers = |i: u32, k: u32| point(u64::from(k) + 77, i).map(f64::from);
+    let mut stage = Stage::default();
+    for i in 0..120u32 {
+        let ([x, y, z, w], [a, b, c, d]) = (numbers(i, 0), numbers(i, 1));
+        // Clusters, pairs in one place and a few far away: nodes of every shape.
+        let at = DVec3::new(x, y, z) * [0.01, 3.0, 200.0][i as usize % 3] + DVec3::splat(f64::from(i % 5));
+        let direction = DVec3::new(a - 0.5, b - 0.5, c - 0.5).normalize_or(DVec3::X);
+        let outer_angle_rad = (0.001 + d * d * 1.5) as f32;
+        let intensity = Rgb::splat(10f32.powf(6.0 * w as f32 - 3.0));
+        let kind = match i % 4 {
+            0 => LightKind::Point { intensity },
+            1 | 2 => LightKind::Spot { intensity, inner_angle_rad: 0.5 * outer_angle_rad, outer_angle_rad },
+            _ => {
+                let lamp = Material { double_sided: i % 8 == 3, ..Material::emitter(intensity) };
+                let lamp = stage.material(&format!("lamp {i}"), lamp).unwrap();
+                let turn = DQuat::from_rotation_arc(DVec3::NEG_Y, direction);
+                let placed = DAffine3::from_scale_rotation_translation(DVec3::splat(0.01 + d), turn, at);
+                stage.place(&format!("lamp {i}"), quad(LAMP, &lamp), placed).unwrap();
+                continue;
+            }
+        };
+        stage.light(&format!("light {i}"), Light { parent: None, position: at, direction, kind }).unwrap();
+    }
+    let world = World::prepare(Arc::new(stage.finish()));
+    let (lights, accel) = (world.lights(), world.accel());
+    let mut lit = 0;
+    for i in 0..400u32 {
+        let ([x, y, z, w], [a, b, c, d]) = (numbers(i, 2), numbers(i, 3));
+        let mut p = accel.to_render(DVec3::new(x, y, z) * [4.0, 10.0, 220.0][i as usize % 3]);
+        let mut n = DVec3::new(a - 0.5, b - 0.5, c - 0.5).normalize_or(DVec3::X).as_vec3();
+        if i % 4 == 0 {
+            // Within the cone of some spot, however narrow.
+            let spots = lights.local.iter().filter_map(|light| match light {
+                LocalLight::Spot { position, axis, .. } => Some((*position, *axis)),
+                _ => None,
+            });
+            let (position, axis) = spots.clone().nth(i as usize / 4 % spots.count()).unwrap();
+            (p, n) = (position + axis * (0.01 + 30.0 * w as f32), -axis + n * 0.9 * d as f32);
+            n = n.normalize();
+        }
+        for (index, light) in lights.local.iter().enumerate() {
+            let reaches = match light {
+                LocalLight::Point { position, .. } => (*position - p).normalize().dot(n) > 1e-4,
+                LocalLight::Spot { position, axis, cos_inner, cos_outer, .. } => {
+                    let wi = (*position - p).normalize();
+                    wi.dot(n) > 1e-4 && spot_falloff(-wi.dot(*axis), *cos_inner, *cos_outer) > 1e-4
+                }
+                LocalLight::Triangle { instance, triangle, two_sided, .. } => {
+                    let placed = &accel.instances()[*instance as usize];
+                    [[0.01, 0.01], [0.98, 0.01], [0.01, 0.98], [0.3, 0.3]].into_iter().any(|[b1, b2]| {
+                        let on_light = placed.surface_point(*triangle, b1, b2);
+                        let wi = (on_light.position - p).normalize();
+                        let cos = -wi.dot(on_light.n_geo);
+                        wi.dot(n) > 1e-3 && (cos > 1e-3 || *two_sided && cos < -1e-3)
+                    })
+                }
+            };
+            if reaches {
+                lit += 1;
+                assert!(lights.tree.probability(p, n, index as u32) > 0.0, "receiver {i}: {light:?}");
+            }
+        }
+    }
+    assert!(lit > 10_000, "too few pairs to test anything: {lit}");
+}
+
 /// The mean over draws of all lights together is the sum of the lights: no choice is left out of a density.
 #[test]
 fn a_mixture_of_all_kinds_of_light_adds_up() {
