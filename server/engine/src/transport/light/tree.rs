@@ -254,12 +254,13 @@ fn split(lights: &mut [(u32, LightBounds)], depth: u32) -> usize {
             *bucket = Some(bucket.map_or(*bounds, |sum| sum.union(bounds)));
         }
         let stretch = extent.max_element() / extent[axis];
-        let fold = |range: &[Option<LightBounds>]| {
-            range.iter().flatten().copied().reduce(|sum, next| sum.union(&next))
-        };
+        let left_cost = costs_so_far(buckets.iter(), stretch);
+        let right_cost = costs_so_far(buckets.iter().rev(), stretch);
         for cut in 1..BUCKETS {
-            let (Some(left), Some(right)) = (fold(&buckets[..cut]), fold(&buckets[cut..])) else { continue };
-            let cost = left.cost(stretch) + right.cost(stretch);
+            let (Some(left), Some(right)) = (left_cost[cut - 1], right_cost[BUCKETS - 1 - cut]) else {
+                continue;
+            };
+            let cost = left + right;
             if best.is_none_or(|(lowest, ..)| cost < lowest) {
                 best = Some((cost, axis, cut));
             }
@@ -273,6 +274,23 @@ fn split(lights: &mut [(u32, LightBounds)], depth: u32) -> usize {
         }
         None => lights.len() / 2,
     }
+}
+
+/// Cost of the lights of the first 1, 2, 3 … buckets together; `None` while there are none.
+fn costs_so_far<'a>(
+    buckets: impl Iterator<Item = &'a Option<LightBounds>>,
+    stretch: f32,
+) -> [Option<f32>; BUCKETS] {
+    let mut costs = [None; BUCKETS];
+    let mut so_far: Option<(LightBounds, f32)> = None;
+    for (cost, bucket) in costs.iter_mut().zip(buckets) {
+        if let Some(bucket) = bucket {
+            let sum = so_far.map_or(*bucket, |(sum, _)| sum.union(bucket));
+            so_far = Some((sum, sum.cost(stretch)));
+        }
+        *cost = so_far.map(|(_, cost)| cost);
+    }
+    costs
 }
 
 fn bucket_of(bounds: &LightBounds, axis: usize, low: Vec3, extent: Vec3) -> usize {
