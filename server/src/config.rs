@@ -204,10 +204,7 @@ impl Config {
     }
 
     fn from_table(table: toml::Table) -> Result<Config, ConfigError> {
-        let config: Config = table.try_into().map_err(|error: toml::de::Error| ConfigError::Syntax {
-            path: "settings".into(),
-            reason: error.message().into(),
-        })?;
+        let config: Config = table.clone().try_into().map_err(|error| too_large(&table, &error))?;
         config.check()?;
         Ok(config)
     }
@@ -348,6 +345,19 @@ impl Config {
         }
         Ok(())
     }
+}
+
+/// The types have been seen to; what is left is a number that its field cannot hold. The reader of TOML does not say
+/// which, so each is tried alone among the defaults.
+fn too_large(table: &toml::Table, error: &toml::de::Error) -> ConfigError {
+    let refused = |(key, value): &(&String, &toml::Value)| {
+        let mut alone = table_of(&Config::default());
+        alone.insert((*key).clone(), (*value).clone());
+        alone.try_into::<Config>().is_err()
+    };
+    let culprit = table.iter().find(refused);
+    let (key, value) = culprit.map_or_else(Default::default, |(key, value)| (key.clone(), value.to_string()));
+    ConfigError::Syntax { path: "settings".into(), reason: format!("{key} = {value}: {}", error.message()) }
 }
 
 /// The settings as a table; every field of [`Config`] is plain data, so this cannot fail.

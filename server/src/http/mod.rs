@@ -105,7 +105,18 @@ async fn around(State(service): State<Service>, request: Request, next: Next) ->
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let mut response = next.run(request).await;
     let status = response.status();
-    if status.is_client_error() || status.is_server_error() {
+    // What the framework refuses before a handler sees it (a path that is no UTF-8, a query it cannot read).
+    let is_refusal = status.is_client_error() || status.is_server_error();
+    if is_refusal && response.extensions().get::<Problem>().is_none() {
+        let problem = Problem {
+            kind: "about:blank".into(),
+            title: status.canonical_reason().unwrap_or("Refused").into(),
+            status: status.as_u16(),
+            ..Problem::new(ProblemKind::Malformed, "path or query cannot be read; /openapi.json tells what is taken")
+        };
+        response = HttpProblem(problem).into_response();
+    }
+    if is_refusal {
         metrics.http_problems.one();
         // Logged once, here; the client has the same words in its problem.
         match response.extensions().get::<Problem>() {

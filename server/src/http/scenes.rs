@@ -4,6 +4,7 @@ use super::{HttpProblem, Service, body};
 use crate::scenes::Origin;
 use axum::Json;
 use axum::body::Body;
+use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -56,10 +57,11 @@ struct NewScene {
         (status = 503, description = "The store cannot keep it", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
 pub(super) async fn create(
     State(service): State<Service>,
-    Query(query): Query<NewSceneQuery>,
+    query: Result<Query<NewSceneQuery>, QueryRejection>,
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, HttpProblem> {
+    let Query(query) = query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
     if !body::is_type(&headers, &["model/gltf-binary", "application/octet-stream", "application/json"]) {
         return Err(HttpProblem::new(
             ProblemKind::UnsupportedFormat,

@@ -4,7 +4,7 @@
 //! choice follows the machine, the scene and the load without any setting.
 
 /// Smaller than a sixteenth is no picture any more: a slower machine is shown that.
-const DIVISOR_MAX: u32 = 16;
+pub(super) const DIVISOR_MAX: u32 = 16;
 /// A pass of full size this short is drawn at once when the camera rests; a longer one is led up to rung by rung, so
 /// that there is something new to see at least four times a second.
 const LEAP_SECONDS: f64 = 0.25;

@@ -392,11 +392,25 @@ impl Scene {
 
     /// Ends both threads; who holds a handle sees `closed` and refusals from here on.
     fn close(&self) {
-        lock(&self.board).closing = true;
-        self.cancel.store(true, SeqCst);
-        self.wake.notify_one();
+        self.stop_drawing();
         // The edit thread finishes what is queued before it. A full queue empties, a dead thread needs no message.
         let _ = self.desk.send(DeskMessage::Stop);
+        self.closed.send_replace(true);
+    }
+
+    fn stop_drawing(&self) {
+        let mut board = lock(&self.board);
+        board.closing = true;
+        // Who waits for these pictures learns by their end that they will not come.
+        board.requests.clear();
+        drop(board);
+        self.cancel.store(true, SeqCst);
+        self.wake.notify_one();
+    }
+
+    /// A thread of this scene has panicked: nobody shall wait for it. The other scenes go on.
+    fn fail(&self) {
+        self.stop_drawing();
         self.closed.send_replace(true);
     }
 }

@@ -6,7 +6,7 @@
 //! of time in between. All films live here; a stalled viewer's is left alone.
 
 use super::frames::{self, Packer};
-use super::ladder::{Size, Speed, rungs, scaled};
+use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
 use super::{Scene, Snapshot, Workshop, lock};
@@ -100,6 +100,8 @@ struct ViewerFilm {
     climb: Option<Layer>,
     /// The finest divisor that memory allows.
     divisor_min: u32,
+    /// Quick passes in a row that took too long.
+    overruns: u32,
     shown: Option<Shown>,
     offer_at_passes: u32,
     measured: Option<MeasuredError>,
@@ -181,7 +183,6 @@ impl Painter {
                 self.rest_until(later.min());
             }
         }
-        self.alarm.stop();
     }
 
     /// Takes new requests and the list of viewers; `None` when the scene closes.
@@ -348,16 +349,19 @@ impl Painter {
         let budget = self.quick_pass(active);
         let fitting = self.speed.divisor_within(key.full, budget.as_secs_f64());
         film.divisor_min = self.finest_divisor(key.full);
-        let divisor = fitting.max(film.divisor_min);
+        // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
+        let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
-                let coarsest = scaled(key.full, divisor) == scaled(key.full, divisor * 2) || divisor >= 16;
-                let after = (!coarsest).then(|| budget.mul_f64(OVERRUN));
-                let complete =
-                    self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
+                let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
+                let complete = self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
                 if complete {
+                    film.overruns = 0;
                     film.layer = Some(layer);
                     self.offer(viewer, &mut film, wish, snapshot);
+                } else {
+                    // 4: sixteenfold, the whole ladder.
+                    film.overruns = (film.overruns + 1).min(4);
                 }
             }
             Err(problem) => viewer.set_problem(problem),
@@ -374,7 +378,7 @@ impl Painter {
             let [width, height] = scaled(full, *divisor);
             taken.saturating_add(film_bytes(usize::from(width) * usize::from(height))) <= limit
         };
-        rungs(1).find(fits).unwrap_or(16)
+        rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
     }
 
     fn layer(
@@ -494,6 +498,15 @@ impl Painter {
         film.measured = rendering.film().measured_error();
         let converged = film.has_converged(layer, wish, self.scene.workshop.config.samples_max);
         let codec = frames::codec(wish.quality.codec, converged);
+        film.offer_at_passes = passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1);
+        // Even if packing fails: it would fail again at once.
+        film.shown = Some(Shown {
+            camera_count: wish.camera_count,
+            quality_count: wish.quality_count,
+            revision: snapshot.revision,
+            converged,
+            at: Instant::now(),
+        });
         let (packer, picture) = (&mut film.packer, rendering.film());
         let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(picture, &wish.quality, codec));
         let payload = match packed {
@@ -519,14 +532,6 @@ impl Painter {
             samples: passes,
             age_us: 0,
         };
-        film.offer_at_passes = passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1);
-        film.shown = Some(Shown {
-            camera_count: wish.camera_count,
-            quality_count: wish.quality_count,
-            revision: snapshot.revision,
-            converged,
-            at: Instant::now(),
-        });
         viewer.set_stats(film.stats(layer, wish, snapshot.revision));
         viewer.push_point(film.point(layer, wish, snapshot.revision));
         let (camera_received, camera_count) = (wish.received, wish.camera_count);
@@ -544,6 +549,7 @@ impl ViewerFilm {
             layer: None,
             climb: None,
             divisor_min: 1,
+            overruns: 0,
             shown: None,
             offer_at_passes: 0,
             measured: None,
@@ -685,7 +691,10 @@ impl Alarm {
         }
     }
 
-    fn stop(&self) {
+}
+
+impl Drop for Alarm {
+    fn drop(&mut self) {
         let (setting, changed) = &*self.shared;
         lock(setting).stopped = true;
         changed.notify_one();

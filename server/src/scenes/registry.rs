@@ -276,8 +276,8 @@ impl Scenes {
         let desk = Desk { scene: scene.clone(), store, keys, fold_at_bytes: config.log_bytes };
         let painter = Painter::new(scene.clone());
         let threads = vec![
-            spawn(format!("edit {id}"), move || desk.run(&jobs))?,
-            spawn(format!("paint {id}"), move || painter.run())?,
+            spawn("edit", &scene, move || desk.run(&jobs))?,
+            spawn("paint", &scene, move || painter.run())?,
         ];
         let entry = Entry { scene: scene.clone(), threads };
         self.entries.write().unwrap_or_else(PoisonError::into_inner).insert(id, entry);
@@ -309,17 +309,29 @@ impl Scenes {
     }
 }
 
-fn spawn(name: String, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, CreateError> {
+fn spawn(
+    what: &'static str,
+    scene: &Arc<Scene>,
+    work: impl FnOnce() + Send + 'static,
+) -> Result<JoinHandle<()>, CreateError> {
+    let scene = scene.clone();
+    let name = format!("{what} {}", scene.id());
+    let guarded = move || {
+        // What the thread held goes with it, and what others share is plain data that a panic leaves whole.
+        if std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err() {
+            tracing::error!(scene = %scene.id(), "the {what} thread has panicked; the scene is closed");
+            scene.fail();
+        }
+    };
     let builder = std::thread::Builder::new().name(name);
-    builder.spawn(work).map_err(|error| CreateError::Threads(error.to_string()))
+    builder.spawn(guarded).map_err(|error| CreateError::Threads(error.to_string()))
 }
 
 fn end(entry: Entry) {
     entry.scene.close();
     for thread in entry.threads {
-        if thread.join().is_err() {
-            tracing::error!(scene = %entry.scene.id(), "a thread of this scene had panicked");
-        }
+        // It catches its own panics.
+        let _ = thread.join();
     }
 }
 

@@ -15,7 +15,7 @@ const CURVE_POINTS_MAX: usize = 256;
 
 /// A picture for a viewer, packed; frame number and age are added when it is sent.
 #[derive(Debug, Clone)]
-pub struct Picture {
+pub(super) struct Picture {
     /// Everything but frame number and age.
     pub header: FrameHeader,
     /// The packed picture.

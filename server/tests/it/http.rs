@@ -1,0 +1,222 @@
+use crate::harness::{BOX, Server, harmless, in_time};
+use base64::Engine;
+use http_body_util::BodyExt;
+use hyper::body::Bytes;
+use hyper_util::rt::TokioIo;
+use lumicast_protocol::SceneId;
+use serde_json::json;
+use tokio::net::TcpStream;
+
+/// Everything that is no resource is a problem, not a bare status.
+#[tokio::test]
+async fn unknown_routes_methods_and_scenes_are_problems() {
+    let server = Server::start(|_| {}).await;
+    for path in ["/nothing", "/v1", "/v1/scenes/", "/v1/scenes/none", "/v1/scenes/none/frame", "/v1/scenes/%00"] {
+        server.get(path).await.problem(404);
+    }
+    server.get("/v1/scenes/%ff").await.problem(400);
+    server.post("/v1/scenes?colour=red", "{}").await.problem(400);
+    for (method, path) in [("PUT", "/v1/scenes"), ("PATCH", BOX), ("DELETE", "/healthz"), ("POST", "/")] {
+        let reply = server.request(method, path, &[], "").await;
+        reply.problem(405);
+        assert!(!reply.header("allow").is_empty());
+    }
+    server.stop().await;
+}
+
+/// The small resources answer.
+#[tokio::test]
+async fn health_metrics_page_and_document_answer() {
+    let server = Server::start(|_| {}).await;
+    assert_eq!(server.get("/healthz").await.text(), "ok\n");
+    assert_eq!(server.get("/readyz").await.text(), "ready\n");
+    let metrics = server.get("/metrics").await;
+    assert!(metrics.header("content-type").starts_with("text/plain; version=0.0.4"));
+    assert!(metrics.text().contains("lumicast_scene_revision{scene=\"cornell-box\"} 1"));
+    let page = server.get("/").await;
+    assert!(page.header("content-type").starts_with("text/html"));
+    // Self-contained: nothing is loaded from elsewhere.
+    let text = page.text();
+    assert!(!text.contains("http://") && !text.contains("https://") && !text.contains(" src="));
+    assert!(page.header("content-security-policy").contains("default-src 'none'"));
+    assert_eq!(server.get("/openapi.json").await.json()["info"]["title"], "Lumicast");
+    server.stop().await;
+}
+
+/// A scene is made of a file or a built-in one, listed, told, and deleted.
+#[tokio::test]
+async fn scenes_come_and_go() {
+    let server = Server::start(|config| config.scenes = 3).await;
+    let glb = server.get(&format!("{BOX}/export.glb")).await.body;
+    let headers = [("content-type", "model/gltf-binary")];
+    let made = server.request("POST", "/v1/scenes?name=My%20Room", &headers, glb.clone()).await;
+    assert_eq!((made.status.as_u16(), made.header("location")), (201, "/v1/scenes/My-Room"));
+    assert_eq!(made.json()["name"], "My Room");
+    server.request("POST", "/v1/scenes?name=My%20Room", &headers, glb.clone()).await.problem(409);
+    let data = base64::engine::general_purpose::STANDARD.encode(&glb);
+    let made = server.post("/v1/scenes", json!({"name": "x", "id": "y", "data": data}).to_string()).await;
+    assert_eq!(made.header("location"), "/v1/scenes/y");
+    server.post("/v1/scenes", json!({"builtin": "cornell-box", "id": "z"}).to_string()).await.problem(429);
+    let triangles = |scene: &serde_json::Value| scene["triangles"].clone();
+    let list = server.get("/v1/scenes").await.json();
+    let scenes = list["scenes"].as_array().unwrap();
+    assert_eq!(scenes.len(), 3);
+    assert!(scenes.iter().all(|scene| triangles(scene) == triangles(&scenes[0])), "{list}");
+    assert_eq!(server.request("DELETE", "/v1/scenes/y", &[], "").await.status, 204);
+    server.request("DELETE", "/v1/scenes/y", &[], "").await.problem(404);
+    server.get("/v1/scenes/y").await.problem(404);
+    let made = server.post("/v1/scenes", json!({"builtin": "cornell-box", "id": "z"}).to_string()).await;
+    assert_eq!(made.status, 201);
+    server.stop().await;
+}
+
+/// Whatever is sent as a scene, the answer is a problem and the server goes on.
+#[tokio::test]
+async fn a_bad_scene_is_refused_with_its_reason() {
+    let server = Server::start(|config| config.body_bytes = 100_000).await;
+    let long = "x".repeat(200);
+    for (body, status) in [
+        ("".to_string(), 400),
+        ("{}".to_string(), 400),
+        (json!({"builtin": "castle"}).to_string(), 404),
+        (json!({"builtin": "cornell-box", "data": ""}).to_string(), 400),
+        (json!({"data": "***"}).to_string(), 400),
+        (json!({"data": "AAAA"}).to_string(), 422),
+        (json!({"builtin": "cornell-box", "id": "../x"}).to_string(), 422),
+        (json!({"builtin": "cornell-box", "id": "x", "name": long}).to_string(), 422),
+        (json!({"builtin": "cornell-box", "colour": "red"}).to_string(), 400),
+        ("glTF but not really".to_string(), 422),
+        ("[".repeat(100_001), 413),
+        ("[".repeat(50_000), 400),
+    ] {
+        server.post("/v1/scenes", body).await.problem(status);
+    }
+    server.request("POST", "/v1/scenes", &[("content-type", "text/plain")], "hello").await.problem(415);
+    assert_eq!(server.get("/v1/scenes").await.json()["scenes"].as_array().unwrap().len(), 1);
+    server.stop().await;
+}
+
+/// One picture in each format, of the size asked for, of the newest revision.
+#[tokio::test]
+async fn a_picture_can_be_asked_for() {
+    let server = Server::start(|_| {}).await;
+    let revision = server.edit(harmless(0.5)).await.revision();
+    for (format, content_type, magic) in [
+        ("png", "image/png", &b"\x89PNG"[..]),
+        ("jpeg", "image/jpeg", &b"\xff\xd8\xff"[..]),
+        ("exr", "image/x-exr", &b"\x76\x2f\x31\x01"[..]),
+    ] {
+        let picture = server.get(&format!("{BOX}/frame?size=64x48&format={format}&error=0.9")).await;
+        assert_eq!((picture.status.as_u16(), picture.header("content-type")), (200, content_type));
+        assert!(picture.body.starts_with(magic));
+        assert_eq!(picture.header("etag"), format!("\"{revision}\""));
+        assert!(picture.header("lumicast-samples").parse::<u32>().unwrap() >= 1);
+        if format != "exr" {
+            let decoded = image::load_from_memory(&picture.body).unwrap();
+            assert_eq!((decoded.width(), decoded.height()), (64, 48));
+        }
+    }
+    let timed = server.get(&format!("{BOX}/frame?camera=corner&time=50ms&size=32x32")).await;
+    assert_eq!(timed.status, 200);
+    for bad in ["camera=nobody", "size=0x5", "size=99999x1", "size=big", "format=bmp", "error=0", "error=nan",
+        "time=-1", "time=1e9", "error=0.1&time=1", "tone_map=vivid", "exposure_ev=99", "exposure_ev=x", "speed=9"]
+    {
+        let reply = server.get(&format!("{BOX}/frame?{bad}")).await;
+        assert!([400, 404, 422].contains(&reply.status.as_u16()), "{bad}: {}", reply.status);
+        reply.problem(reply.status.as_u16());
+    }
+    server.stop().await;
+}
+
+/// Pictures asked for are bounded in number; one given up makes room.
+#[tokio::test]
+async fn too_many_pictures_at_once_are_refused() {
+    let server = Server::start(|config| config.frame_requests = 1).await;
+    let path = format!("{BOX}/frame?size=64x64&time=100");
+    let stream = TcpStream::connect(server.address).await.unwrap();
+    let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await.unwrap();
+    let connection = tokio::spawn(connection);
+    let request = hyper::Request::get(&path).header("host", "x").body(http_body_util::Empty::<Bytes>::new());
+    let first = tokio::spawn(async move { sender.send_request(request.unwrap()).await.map(|_| ()) });
+    // It is being drawn once a second one is refused.
+    let short = format!("{BOX}/frame?size=8x8&time=1ms");
+    in_time(async {
+        loop {
+            let reply = server.get(&short).await;
+            if reply.status == 503 {
+                assert_eq!(reply.header("retry-after"), "1");
+                break;
+            }
+        }
+    })
+    .await;
+    first.abort();
+    connection.abort();
+    in_time(async { while server.get(&short).await.status != 200 {} }).await;
+    server.stop().await;
+}
+
+/// The events tell each revision as it comes, after saying where the scene is.
+#[tokio::test]
+async fn events_follow_the_edits() {
+    let server = Server::start(|config| config.event_listeners = 1).await;
+    let stream = TcpStream::connect(server.address).await.unwrap();
+    let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await.unwrap();
+    tokio::spawn(connection);
+    let request = hyper::Request::get(format!("{BOX}/events")).header("host", "x");
+    let response = sender.send_request(request.body(http_body_util::Empty::<Bytes>::new()).unwrap()).await.unwrap();
+    assert_eq!(response.headers()["content-type"], "text/event-stream");
+    server.get(&format!("{BOX}/events")).await.problem(429);
+    let mut body = response.into_body();
+    let mut heard = String::new();
+    let mut hear_until = async |what: &str| {
+        while !heard.contains(what) {
+            let frame = in_time(body.frame()).await.expect("the stream ended").unwrap();
+            heard.push_str(std::str::from_utf8(frame.data_ref().unwrap_or(&Bytes::new())).unwrap());
+        }
+        heard.clone()
+    };
+    hear_until("event: revision\nid: 1\n").await;
+    server.edit(harmless(0.1)).await.revision();
+    let heard = hear_until("event: edit\nid: 2\n").await;
+    assert!(heard.contains("\"op\":\"set_environment\""), "{heard}");
+    server.request("DELETE", BOX, &[], "").await;
+    hear_until("event: closed").await;
+    server.stop().await;
+}
+
+/// Before the scenes are loaded the server says so; while it stops, too.
+#[tokio::test]
+async fn readiness_is_told() {
+    let server = Server::without_scenes(|_| {}).await;
+    assert_eq!(server.get("/v1/scenes").await.json(), json!({"scenes": []}));
+    server.get(BOX).await.problem(404);
+    assert_eq!(server.get("/readyz").await.status, 200);
+    server.stop().await;
+}
+
+/// Pages of other origins get no permission unless configured.
+#[tokio::test]
+async fn other_origins_are_allowed_only_by_configuration() {
+    let asked = [("origin", "http://viewer.example")];
+    let server = Server::start(|_| {}).await;
+    let reply = server.request("GET", "/v1/scenes", &asked, "").await;
+    assert_eq!(reply.header("access-control-allow-origin"), "");
+    server.stop().await;
+    let server = Server::start(|config| config.allow_origins = vec!["http://viewer.example".into()]).await;
+    let reply = server.request("GET", "/v1/scenes", &asked, "").await;
+    assert_eq!(reply.header("access-control-allow-origin"), "http://viewer.example");
+    server.stop().await;
+}
+
+/// Ids are made of names, and never anything but an id.
+#[test]
+fn any_name_becomes_an_id() {
+    let id = |name: &str| lumicast::http::id_of_name(name).to_string();
+    assert_eq!(id("sponza"), "sponza");
+    assert_eq!(id("My Room (2)"), "My-Room--2-");
+    assert_eq!(id("../../etc"), "etc");
+    for name in ["", "...", "日本", &"x".repeat(500)] {
+        assert!(SceneId::new(id(name)).is_ok());
+    }
+}
