@@ -105,13 +105,11 @@ fn judge(subject: &Subject, seconds: f64) -> Result<(), String> {
     );
     let name = &subject.name;
     let bias_max = BIAS_MAX + 3.0 * verdict.bias_error;
-    if verdict.bias.is_nan() || verdict.bias.abs() > bias_max {
-        return Err(format!("{name}: bias {:.4}, at most {bias_max:.4}", verdict.bias));
-    }
-    if verdict.found.is_nan() || verdict.found > verdict.most {
+    let (is_biased, is_far) = (verdict.bias.abs() > bias_max, verdict.found > verdict.most);
+    if verdict.bias.is_nan() || verdict.found.is_nan() || is_biased || is_far {
         return Err(format!(
-            "{name}: relMSE of blocks {:.3e}, at most {:.3e}; worst blocks: {}",
-            verdict.found, verdict.most, verdict.worst
+            "{name}: bias {:.4}, at most {bias_max:.4}; relMSE of blocks {:.3e}, at most {:.3e}; worst blocks: {}",
+            verdict.bias, verdict.found, verdict.most, verdict.worst
         ));
     }
     Ok(())
