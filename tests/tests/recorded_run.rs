@@ -35,8 +35,8 @@ fn setting(name: &str, default: usize) -> usize {
 fn three_viewers_see_every_edit_of_a_long_run() {
     let edit_count = setting("LUMICAST_RECORDED_EDITS", 40);
     let seed = setting("LUMICAST_RECORDED_SEED", 1) as u64;
-    let data = tempfile::tempdir().unwrap();
-    let mut run = Run::start(data.path().to_str().unwrap(), seed);
+    let data = tempfile::tempdir().expect("a folder");
+    let mut run = Run::start(data.path().to_str().expect("UTF-8"), seed);
     let mut after_first_half = None;
     for index in 0..edit_count {
         if index == edit_count / 3 {
@@ -58,7 +58,7 @@ fn three_viewers_see_every_edit_of_a_long_run() {
     // Everything acknowledged was on disk: a server started on the same folder is where this one was.
     let (revision, scene) = (run.revision, run.server.get(SCENE).json());
     drop(run);
-    let again = Server::start(&["--data", data.path().to_str().unwrap()]);
+    let again = Server::start(&["--data", data.path().to_str().expect("UTF-8")]);
     let restored = again.get(SCENE).json();
     assert_eq!(restored["revision"], revision);
     assert_eq!(restored["nodes"], scene["nodes"]);
@@ -128,7 +128,7 @@ impl Run {
     /// One edit, its answer, and the first pictures that show it.
     fn edit(&mut self, index: usize, name: &str) {
         let planned = self.deck.next(&mut self.random, self.revision);
-        let over_http = index % 2 == 0;
+        let over_http = index.is_multiple_of(2);
         let key = format!("key-{index}");
         let before = (planned.kind.is_refused()).then(|| self.server.get(SCENE).body);
         let sent = Instant::now();
@@ -141,17 +141,21 @@ impl Run {
             if over_http { "HTTP" } else { "WebSocket" }
         );
         let status = match (&answer, planned.kind.status()) {
-            (Ok(revision), 200) => {
+            (Answer::Edited(revision), 200) => {
                 assert_eq!(*revision, self.revision + 1, "{name}: revisions rise by one");
                 self.revision = *revision;
                 self.deck.accepted(&planned);
                 self.last_key = Some((key, planned.edits.clone()));
                 200
             }
-            (Err(problem), expected) if problem.status == expected => {
+            (Answer::Refused(problem), expected) if problem.status == expected => {
                 self.refused += 1;
                 check_problem(&planned, problem, self.revision, &name);
-                assert_eq!(self.server.get(SCENE).body, before.unwrap(), "{name}: changed something");
+                assert_eq!(
+                    self.server.get(SCENE).body,
+                    before.expect("read before an edit that is refused"),
+                    "{name}: changed something"
+                );
                 problem.status
             }
             (answer, expected) => panic!("{name}: expected {expected}, got {answer:?}"),
@@ -174,21 +178,21 @@ impl Run {
         }
     }
 
-    fn post(&self, planned: &Planned, key: &str) -> Result<u64, Problem> {
+    fn post(&self, planned: &Planned, key: &str) -> Answer {
         let quoted = planned.if_match.map(|revision| format!("\"{revision}\""));
         let mut headers = vec![("idempotency-key", key)];
         headers.extend(quoted.as_deref().map(|revision| ("if-match", revision)));
         let response = self.server.post(&format!("{SCENE}/edits"), &headers, &planned.edits.to_string());
         if response.status == 200 {
-            return Ok(response.json()["revision"].as_u64().expect("a revision"));
+            return Answer::Edited(response.json()["revision"].as_u64().expect("a revision"));
         }
         let problem = response.problem();
         assert_eq!(problem.status, response.status);
-        Err(problem)
+        Answer::Refused(problem)
     }
 
     /// Over the socket of the first viewer, between its pictures.
-    fn say(&mut self, planned: &Planned, key: &str) -> Result<u64, Problem> {
+    fn say(&mut self, planned: &Planned, key: &str) -> Answer {
         self.requests += 1;
         let mut message = json!({
             "type": "edit", "request": self.requests, "idempotency_key": key, "edits": planned.edits,
@@ -196,10 +200,7 @@ impl Run {
         if let Some(revision) = planned.if_match {
             message["if_match"] = revision.into();
         }
-        match self.watchers[0].edit(self.requests, message.to_string()) {
-            Answer::Edited(revision) => Ok(revision),
-            Answer::Refused(problem) => Err(problem),
-        }
+        self.watchers[0].edit(self.requests, message.to_string())
     }
 
     fn repeat_last(&self) {
@@ -221,7 +222,7 @@ impl Run {
             let seen: Vec<Value> =
                 (0..self.watchers.len()).map(|viewer| self.first_frame(viewer, &pending)).collect();
             pending.line["first_frames"] = seen.into();
-            writeln!(self.record, "{}", pending.line).unwrap();
+            writeln!(self.record, "{}", pending.line).expect("the record is written");
         }
     }
 
@@ -252,7 +253,7 @@ impl Run {
 
     fn finish(&mut self, edit_count: usize, after_first_half: Option<u64>) {
         self.see_pending();
-        self.record.flush().unwrap();
+        self.record.flush().expect("the record is written");
         assert!(self.server.is_running());
         let at_end = self.server.resident_bytes();
         let frames: Vec<u64> = self.watchers.iter().map(Watcher::frame_count).collect();
@@ -283,9 +284,9 @@ impl Run {
         let log = self.server.get(&format!("{SCENE}/edits?since=1")).json();
         let revisions: Vec<u64> = log["entries"]
             .as_array()
-            .unwrap()
+            .expect("of an edit batch")
             .iter()
-            .map(|entry| entry["revision"].as_u64().unwrap())
+            .map(|entry| entry["revision"].as_u64().expect("a revision"))
             .collect();
         assert_eq!(revisions, (2..=self.revision).collect::<Vec<u64>>(), "the log has a gap");
         if let (Some(before), Some(after)) = (after_first_half, at_end) {
@@ -303,7 +304,7 @@ fn check_problem(planned: &Planned, problem: &Problem, revision: u64, name: &str
         Kind::Stale => assert_eq!(problem.revision, Some(revision), "{name}: {problem:?}"),
         _ => {
             // The last edit of the batch is the bad one.
-            let last = planned.edits.as_array().unwrap().len() - 1;
+            let last = planned.edits.as_array().expect("an array").len() - 1;
             assert_eq!(problem.op_index, Some(last as u32), "{name}: {problem:?}");
             assert_eq!(problem.op.as_deref(), planned.edits[last]["op"].as_str(), "{name}: {problem:?}");
             assert!(problem.field.is_some(), "{name}: no field in {problem:?}");
