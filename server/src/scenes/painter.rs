@@ -18,6 +18,7 @@ use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, Pro
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
@@ -642,6 +643,7 @@ impl ViewerFilm {
 #[derive(Debug)]
 struct Alarm {
     shared: Arc<(Mutex<Setting>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug, Default)]
@@ -673,11 +675,10 @@ impl Alarm {
                 };
             }
         };
-        if let Err(error) = std::thread::Builder::new().name("alarm".into()).spawn(work) {
-            // Passes then run to their end: slower to react, not wrong.
-            tracing::error!(%error, "no thread for cutting passes short");
-        }
-        Alarm { shared }
+        let thread = std::thread::Builder::new().name("alarm".into()).spawn(work);
+        // Without it passes run to their end: slower to react, not wrong.
+        let thread = thread.inspect_err(|error| tracing::error!(%error, "no thread for cutting passes short"));
+        Alarm { shared, thread: thread.ok() }
     }
 
     fn set(&self, at: Option<Instant>) {
@@ -698,5 +699,9 @@ impl Drop for Alarm {
         let (setting, changed) = &*self.shared;
         lock(setting).stopped = true;
         changed.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // It cannot panic.
+            let _ = thread.join();
+        }
     }
 }
