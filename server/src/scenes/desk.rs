@@ -7,7 +7,7 @@ use super::history::{Keys, digest};
 use super::{DeskMessage, EditJob, News, Scene, Snapshot, lock};
 use crate::assets;
 use crate::convert;
-use crate::store::{Base, Record, SceneStore};
+use crate::store::{Base, Encoded, Record, SceneStore};
 use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind, SceneDescription};
 use serde_json::Value;
 use std::sync::atomic::Ordering::SeqCst;
@@ -69,10 +69,11 @@ impl Desk {
             );
             return Err(Problem::new(ProblemKind::RevisionMoved, detail).at_revision(before.revision));
         }
-        let limits = self.scene.workshop.edit_limits();
-        let applied = convert::apply(before.world.scene(), &edits, &limits)
-            .map_err(|problem| problem.at_revision(before.revision))?;
         let revision = before.revision + 1;
+        let batch = self.batch(revision, edits, idempotency_key.clone(), digest)?;
+        let limits = self.scene.workshop.edit_limits();
+        let applied = convert::apply(before.world.scene(), &batch.record().edits, &limits)
+            .map_err(|problem| problem.at_revision(before.revision))?;
         let light_revision =
             if applied.change.leaves_light_alone() { before.light_revision } else { revision };
         // Passes that draw the old scene give way: nobody will see them.
@@ -82,39 +83,50 @@ impl Desk {
         let scene = Arc::new(applied.scene);
         let world = self.scene.workshop.building_pool.install(|| before.world.update(scene));
         let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
-        self.record_and_publish(snapshot, edits, idempotency_key.zip(digest))
+        self.record_and_publish(snapshot, batch, idempotency_key.zip(digest))
+    }
+
+    /// The batch as it will be kept.
+    fn batch(
+        &self,
+        revision: u64,
+        edits: Vec<Edit>,
+        idempotency_key: Option<String>,
+        digest: Option<u64>,
+    ) -> Result<Batch, Problem> {
+        let seconds_since_epoch =
+            SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let record = Record { revision, seconds_since_epoch, idempotency_key, digest, edits };
+        match self.store {
+            None => Ok(Batch::InMemory(record)),
+            Some(_) => match Encoded::new(&record) {
+                Ok(encoded) => Ok(Batch::ForDisk(encoded)),
+                Err(error) => {
+                    Err(Problem::new(ProblemKind::TooLarge, format!("the batch cannot be kept: {error}")))
+                }
+            },
+        }
     }
 
     fn record_and_publish(
         &mut self,
         snapshot: Snapshot,
-        edits: Vec<Edit>,
+        batch: Batch,
         key: Option<(String, u64)>,
     ) -> Result<EditReply, Problem> {
         let revision = snapshot.revision;
-        let seconds_since_epoch =
-            SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-        let idempotency_key = key.as_ref().map(|(key, _)| key.clone());
-        let record = Record { revision, seconds_since_epoch, idempotency_key, edits };
-        let bytes = match &mut self.store {
-            Some(store) => {
-                let before = store.log_bytes();
-                store.append(&record).map_err(|error| {
-                    tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
-                    Problem::new(
-                        ProblemKind::Unavailable,
-                        format!("the edit could not be put on disk: {error}"),
-                    )
-                })?;
-                store.log_bytes() - before
-            }
-            // A rough length will do for the bound of what is kept in memory.
-            None => serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64),
-        };
+        if let (Some(store), Batch::ForDisk(encoded)) = (&mut self.store, &batch) {
+            store.append(encoded).map_err(|error| {
+                tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
+                Problem::new(ProblemKind::Unavailable, format!("the edit could not be put on disk: {error}"))
+            })?;
+        }
         if let Some((key, digest)) = key {
             self.keys.insert(key, digest, revision);
         }
-        let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits: record.edits });
+        let bytes = batch.len_bytes();
+        let Record { seconds_since_epoch, edits, .. } = batch.into_record();
+        let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits });
         {
             let mut history = lock(&self.scene.history);
             *self.scene.snapshot.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(snapshot);
@@ -154,6 +166,36 @@ impl Desk {
                 tracing::warn!(scene = %self.scene.id, reason, "the log was not folded");
                 self.fold_at_bytes = store.log_bytes().saturating_mul(2);
             }
+        }
+    }
+}
+
+/// A batch on its way to a revision.
+enum Batch {
+    InMemory(Record),
+    ForDisk(Encoded),
+}
+
+impl Batch {
+    fn record(&self) -> &Record {
+        match self {
+            Batch::InMemory(record) => record,
+            Batch::ForDisk(encoded) => &encoded.record,
+        }
+    }
+
+    fn into_record(self) -> Record {
+        match self {
+            Batch::InMemory(record) => record,
+            Batch::ForDisk(encoded) => encoded.record,
+        }
+    }
+
+    /// Its length as JSON, about, for the bound of what is kept in memory.
+    fn len_bytes(&self) -> u64 {
+        match self {
+            Batch::InMemory(record) => serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64),
+            Batch::ForDisk(encoded) => encoded.len_bytes(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The list of scenes: making, restoring, finding, deleting, stopping.
 
 use super::desk::Desk;
-use super::history::{History, Keys, digest};
+use super::history::{History, Keys};
 use super::painter::Painter;
 use super::{Board, Scene, Snapshot, Workshop, lock};
 use crate::assets::{self, AssetError};
@@ -188,8 +188,8 @@ impl Scenes {
                 CreateError::Replay { id: id.clone(), revision: record.revision, reason: problem.detail }
             })?;
             scene = applied.scene;
-            if let Some(key) = record.idempotency_key {
-                keys.insert(key, digest(&record.edits), record.revision);
+            if let (Some(key), Some(digest)) = (record.idempotency_key, record.digest) {
+                keys.insert(key, digest, record.revision);
             }
             let bytes = serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64);
             let entry = EventEntry {

@@ -32,8 +32,17 @@ fn mutated(dice: &mut Dice) -> Vec<u8> {
     let mut batch = batches[dice.next(batches.len())].clone();
     if dice.next(2) == 0 {
         let wrong = [
-            json!(null), json!(1e308), json!(-1), json!("x"), json!([]), json!({}), json!(true),
-            json!(18446744073709551615_u64), json!([[[[]]]]), json!("\u{0}"), json!("é".repeat(300)),
+            json!(null),
+            json!(1e308),
+            json!(-1),
+            json!("x"),
+            json!([]),
+            json!({}),
+            json!(true),
+            json!(18446744073709551615_u64),
+            json!([[[[]]]]),
+            json!("\u{0}"),
+            json!("é".repeat(300)),
         ];
         replace_one(&mut batch, &wrong[dice.next(wrong.len())], dice);
     }
@@ -99,7 +108,13 @@ async fn extreme_bodies_are_problems() {
     for (body, status) in [
         ("[".repeat(100_000), 400),
         ("{\"a\":".repeat(100_000), 400),
-        (format!("[{}]", "{\"op\":\"remove_light\",\"light\":\"x\"},".repeat(20_000).trim_end_matches(',')), 422),
+        (
+            format!(
+                "[{}]",
+                "{\"op\":\"remove_light\",\"light\":\"x\"},".repeat(20_000).trim_end_matches(',')
+            ),
+            422,
+        ),
         (format!("[{{\"op\":\"remove_light\",\"light\":\"{}\"}}]", "x".repeat(500_000)), 422),
         ("9".repeat(1 << 20), 400),
         ("\u{0}".into(), 400),
@@ -145,8 +160,14 @@ async fn broken_messages_are_errors() {
     let mut errors = 0;
     for round in 0..500 {
         let text = match dice.next(3) {
-            0 => format!("{{\"type\":\"edit\",\"request\":{round},\"edits\":{}", String::from_utf8_lossy(&mutated(&mut dice))),
-            1 => format!("{{\"type\":\"edit\",\"request\":{round},\"edits\":{}}}", String::from_utf8_lossy(&mutated(&mut dice))),
+            0 => format!(
+                "{{\"type\":\"edit\",\"request\":{round},\"edits\":{}",
+                String::from_utf8_lossy(&mutated(&mut dice))
+            ),
+            1 => format!(
+                "{{\"type\":\"edit\",\"request\":{round},\"edits\":{}}}",
+                String::from_utf8_lossy(&mutated(&mut dice))
+            ),
             _ => String::from_utf8_lossy(&mutated(&mut dice)).into_owned(),
         };
         viewer.socket.send(Message::text(text)).await.unwrap();
