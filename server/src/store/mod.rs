@@ -14,7 +14,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-pub use log::Log;
+pub use log::{Encoded, Log};
 
 /// What failed, on which file.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +76,9 @@ pub struct Record {
     /// Key under which a repetition is recognised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idempotency_key: Option<String>,
+    /// Digest of the batch as it was received, beside its key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<u64>,
     /// As they were sent.
     pub edits: Vec<Edit>,
 }
@@ -238,8 +241,8 @@ pub struct SceneStore {
 
 impl SceneStore {
     /// Puts a batch on disk; returns once it is there. After an error nothing of it remains.
-    pub fn append(&mut self, record: &Record) -> Result<(), StoreError> {
-        self.log.append(record)
+    pub fn append(&mut self, batch: &Encoded) -> Result<(), StoreError> {
+        self.log.append(batch)
     }
 
     /// Bytes of the log.
