@@ -8,7 +8,7 @@ use lumicast_engine::{
 };
 use serde::Serialize;
 
-use super::{CliError, SceneSource, render::default_size};
+use super::{CliError, SceneSource, output::print_line, render::default_size};
 
 /// Show what a scene holds, its warnings, and the effect plan with the reason for each effect.
 #[derive(Clone, Debug, clap::Args)]
@@ -24,16 +24,14 @@ pub struct InfoArgs {
 pub fn run(args: InfoArgs) -> Result<(), CliError> {
     let loaded = args.scene.load()?;
     let facts = SceneInfo::of(&args.scene.to_string(), &loaded.scene, loaded.load_seconds);
-    if args.json {
-        let json = serde_json::to_string_pretty(&facts).map_err(|error| CliError::System {
-            doing: "writing the facts as JSON".into(),
-            source: error.into(),
-        })?;
-        println!("{json}");
-    } else {
-        print!("{}", facts.text());
+    if !args.json {
+        return print_line(facts.text().trim_end());
     }
-    Ok(())
+    let json = serde_json::to_string_pretty(&facts).map_err(|error| CliError::System {
+        doing: "writing the facts as JSON".into(),
+        source: error.into(),
+    })?;
+    print_line(&json)
 }
 
 /// Everything that `info` says.

@@ -1,10 +1,12 @@
 //! The command line: what `lumicast` takes, and which file does it.
 //!
-//! Exit codes: 0 done, 1 it failed (one line on standard error says why), 2 the command line cannot be read.
+//! Exit codes: 0 done, 1 it failed (one line on standard error says why), 2 the command line cannot be read
+//! or asks for what does not exist, 130 and 143 ended by SIGINT and SIGTERM while rendering a picture.
 
 mod edit;
 pub mod error;
 pub mod info;
+mod output;
 pub mod render;
 pub mod scene_source;
 mod serve;

@@ -27,7 +27,7 @@ use lumicast_engine::{
     transport::World,
 };
 
-use super::{CliError, scene_source::LoadedScene};
+use super::{CliError, output::print_line, scene_source::LoadedScene};
 use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_small, write_file};
 use alarm::Alarm;
 pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
@@ -368,11 +368,10 @@ fn report(args: &RenderArgs, statistics: &Statistics) -> Result<(), CliError> {
         write_file(path, &json)?;
     }
     if args.json {
-        println!("{}", serde_json::to_string_pretty(statistics).map_err(broken)?);
+        print_line(&serde_json::to_string_pretty(statistics).map_err(broken)?)
     } else {
-        println!("{}", statistics.summary());
+        print_line(&statistics.summary())
     }
-    Ok(())
 }
 
 #[cfg(test)]

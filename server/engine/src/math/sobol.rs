@@ -9,7 +9,8 @@
 const DIRECTIONS: [[u32; 32]; 4] =
     [van_der_corput(), directions(1, 0, [1, 0, 0]), directions(2, 1, [1, 3, 0]), directions(3, 1, [1, 3, 1])];
 
-/// What the bytes of an index add to each dimension: `[byte position][byte value][dimension]`, 16 KiB.
+/// What the bytes of a mirrored index add to each dimension, mirrored as well: `[byte position][byte value][dimension]`,
+/// 16 KiB. Mirrored means that bit 0 is the first digit, which is how the scrambling hash wants its numbers.
 static BYTE_SUMS: [[[u32; 4]; 256]; 4] = byte_sums();
 
 const fn van_der_corput() -> [u32; 32] {
@@ -57,7 +58,7 @@ const fn byte_sums() -> [[[u32; 4]; 256]; 4] {
                 let mut bit = 0;
                 while bit < 8 {
                     if byte >> bit & 1 == 1 {
-                        sum ^= DIRECTIONS[dimension][position * 8 + bit];
+                        sum ^= DIRECTIONS[dimension][31 - (position * 8 + bit)].reverse_bits();
                     }
                     bit += 1;
                 }
@@ -71,21 +72,20 @@ const fn byte_sums() -> [[[u32; 4]; 256]; 4] {
     sums
 }
 
-fn sobol(index: u32) -> [u32; 4] {
-    let bytes = index.to_le_bytes();
+/// The point of a mirrored index, mirrored.
+fn mirrored_sobol(mirrored_index: u32) -> [u32; 4] {
+    let bytes = mirrored_index.to_le_bytes();
     let sums = [0, 1, 2, 3].map(|position| &BYTE_SUMS[position][bytes[position] as usize]);
     std::array::from_fn(|dimension| sums.iter().fold(0, |x, sum| x ^ sum[dimension]))
 }
 
-/// Owen scrambling of the number whose most significant bit is the first digit.
-fn scramble(x: u32, seed: u32) -> u32 {
-    let mut x = x.reverse_bits();
+/// Owen scrambling of a mirrored number: each digit is flipped or not by a hash of the digits before it.
+fn scramble_mirrored(mut x: u32, seed: u32) -> u32 {
     x ^= x.wrapping_mul(0x3d20_adea);
     x = x.wrapping_add(seed);
     x = x.wrapping_mul((seed >> 16) | 1);
     x ^= x.wrapping_mul(0x0552_6c56);
-    x ^= x.wrapping_mul(0x53a2_2864);
-    x.reverse_bits()
+    x ^ x.wrapping_mul(0x53a2_2864)
 }
 
 /// Mixes 64 bits so that every input bit moves every output bit [Steele2014].
@@ -105,10 +105,12 @@ pub fn point(key: u64, index: u32) -> [f32; 4] {
     let seeds = mix(key);
     // Index and digits are scrambled by different hashes of the key.
     // Scrambling the index maps aligned power-of-two runs onto such runs, which keeps them stratified.
-    let digits = sobol(scramble(index, seeds as u32));
+    let digits = mirrored_sobol(scramble_mirrored(index.reverse_bits(), seeds as u32));
     let (low, high) = (mix(seeds ^ 0x9e37_79b9_7f4a_7c15), mix(seeds ^ 0xd1b5_4a32_d192_ed03));
     let seeds = [low as u32, (low >> 32) as u32, high as u32, (high >> 32) as u32];
-    std::array::from_fn(|dimension| unit(scramble(digits[dimension], seeds[dimension])))
+    std::array::from_fn(|dimension| {
+        unit(scramble_mirrored(digits[dimension], seeds[dimension]).reverse_bits())
+    })
 }
 
 /// Random numbers of one sample of one pixel: sets of four, named by their place in the path.

@@ -204,7 +204,7 @@ impl Tracer<'_> {
         let [lobe, u, v, survival] = path.sampler.four(1 + 2 * path.bounce);
         let wo = -path.ray.direction;
         let Some(drawn) = surface.bsdf.sample(surface.frame.to_local(wo), [lobe, u, v]) else { return false };
-        let wi = surface.frame.to_world(drawn.wi).normalize();
+        let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
         if !self.wants(class) || !self.goes_on(surface, wo, wi, &drawn) {
             return false;

@@ -1,0 +1,88 @@
+//! The binary as users meet it: exit codes, what it prints where, and what a signal leaves behind.
+
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::{
+    io::{BufRead, BufReader},
+    path::Path,
+    process::{Command, Output, Stdio},
+};
+
+fn lumicast(folder: &Path, line: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_lumicast"));
+    command.current_dir(folder).args(line.split_whitespace());
+    command
+}
+
+fn run(folder: &Path, line: &str) -> (Option<i32>, String, String) {
+    let Output { status, stdout, stderr } = lumicast(folder, line).output().unwrap();
+    (status.code(), String::from_utf8(stdout).unwrap(), String::from_utf8(stderr).unwrap())
+}
+
+fn names_in(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+/// Facts go to standard output, as JSON when asked for; the exit code is 0.
+#[test]
+fn a_picture_is_rendered_and_described() {
+    let folder = tempfile::tempdir().unwrap();
+    let (code, stdout, _) =
+        run(folder.path(), "render builtin:cornell-box --size 16x16 --samples 2 --out a.exr --json");
+    assert_eq!(code, Some(0));
+    let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(facts["samples_per_pixel"], 2);
+    assert_eq!(names_in(folder.path()), ["a.exr"]);
+    let (code, stdout, _) = run(folder.path(), "info builtin:cornell-box --json");
+    assert_eq!(code, Some(0));
+    let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+    assert_eq!(facts["cameras"][1]["name"], "corner");
+}
+
+/// Wrong usage exits with 2, a file that cannot be read with 1; both say what was wrong and print no facts.
+#[test]
+fn exit_codes_tell_what_kind_of_failure_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases = [
+        ("render builtin:cornell-box --out a.exr --indirect octree", 2, "does not exist yet"),
+        ("render builtin:cornell-box --out a.exr --backend gpu", 2, "does not exist yet"),
+        ("render builtin:cornell-box --out a.exr --size 0x5", 2, "0×5"),
+        ("render builtin:cornell-box --out a.exr --camera roof", 2, "main, corner"),
+        ("render builtin:cornell-box", 2, "--out"),
+        ("render none.glb --out a.exr", 1, "none.glb"),
+        ("info none.glb", 1, "none.glb"),
+        ("info builtin:none", 2, "builtin:cornell-box"),
+    ];
+    for (line, expected_code, expected) in cases {
+        let (code, stdout, stderr) = run(folder.path(), line);
+        assert_eq!(code, Some(expected_code), "{line}: {stderr}");
+        assert!(stderr.contains(expected), "{line}: {stderr}");
+        assert_eq!(stdout, "", "{line}");
+    }
+    assert!(names_in(folder.path()).is_empty());
+}
+
+/// A signal ends the rendering: no file, not even half, a sentence that says so, and the shell's exit code.
+#[cfg(unix)]
+#[test]
+fn a_signal_leaves_no_half_file() {
+    for (signal, expected_code) in [("INT", 130), ("TERM", 143)] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.exr"), "old").unwrap();
+        let line = "render builtin:cornell-box --size 64x64 --time 1h --out a.exr";
+        let mut child =
+            lumicast(folder.path(), line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        // This line comes once signals are watched.
+        assert!(lines.next().unwrap().unwrap().starts_with("rendering"));
+        let kill = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+        assert!(kill.unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(expected_code));
+        let rest: Vec<String> = lines.map(Result::unwrap).collect();
+        let said = rest.join("\n");
+        assert!(said.contains(&format!("SIG{signal}")) && said.contains("a.exr was not written"), "{said}");
+        assert_eq!(names_in(folder.path()), ["a.exr"]);
+        assert_eq!(std::fs::read(folder.path().join("a.exr")).unwrap(), b"old");
+    }
+}
