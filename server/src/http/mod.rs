@@ -132,7 +132,8 @@ async fn around(State(service): State<Service>, request: Request, next: Next) ->
         metrics.http_problems.one();
         // Logged once, here; the client has the same words in its problem.
         match response.extensions().get::<Problem>() {
-            Some(problem) if status.is_server_error() => {
+            // 503 is said while starting, stopping and under load; whose fault it is logs it where it happens.
+            Some(problem) if status == StatusCode::INTERNAL_SERVER_ERROR => {
                 tracing::warn!(%method, path, status = status.as_u16(), detail = problem.detail, "refused");
             }
             _ => tracing::debug!(%method, path, status = status.as_u16(), "refused"),
