@@ -91,7 +91,7 @@ settings! {
     /// Seed of all random numbers: the same seed, scene and camera give the same picture.
     seed: u64 = 0;
     /// Web pages of other origins that may use this server from a browser (CORS and WebSocket), such as
-    /// "https://viewer.example.org"; "*": any. Empty: only the server's own page.
+    /// `https://viewer.example.org`; `*`: any. Empty: only the server's own page.
     allow_origins: Vec<String> = Vec::new();
     /// Log format: text, or json for one object per line.
     log_format: String = "text".into();

@@ -1,6 +1,6 @@
 //! Random numbers from a seed, so that every run makes the same edits.
 
-/// SplitMix64 [Steele2014]: one word of state, good enough to choose edits by.
+/// SplitMix64 (Steele et al. 2014): one word of state, good enough to choose edits by.
 #[derive(Debug, Clone)]
 pub struct Random {
     state: u64,

@@ -1,7 +1,7 @@
 //! The durable scene store of `--data DIR`: what was acknowledged survives a kill or a power cut.
 //!
 //! One folder per scene: `scene.json` (what it starts from and which log belongs to it), the base as a file (unless it
-//! is built in), and an append-only log of edit batches ([`log`]). A batch is on disk (fsync) before it is answered.
+//! is built in), and an append-only log of edit batches (`log.rs`). A batch is on disk (fsync) before it is answered.
 //! When the log has grown large it is folded: the scene as it is becomes the new base beside a new empty log, and
 //! one rename of `scene.json` switches over; a crash before or after it leaves a whole store.
 //! Blocking I/O throughout: called from scene threads, never from tokio's. Knows the protocol's edits, not the engine.

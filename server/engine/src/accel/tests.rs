@@ -174,3 +174,64 @@ fn unchanged_meshes_keep_their_trees() {
         assert_eq!(updated.closest_hit(&ray, |_| true), fresh.closest_hit(&ray, |_| true));
     }
 }
+
+/// Transforms that shear lose digits on the way into mesh space and back: a ray still starts on the side it leaves to.
+#[test]
+fn rays_start_on_their_side_of_sheared_surfaces() {
+    let mut numbers = Numbers(13);
+    for case in 0..40 {
+        let squash = [1.0, 1e-2, 1e-4, 1e-5][case % 4];
+        let (mut stage, grey) = stage_with_grey();
+        let mut turn = || {
+            DMat3::from_quat(DQuat::from_axis_angle(
+                numbers.direction().as_dvec3().normalize(),
+                6.0 * numbers.next(),
+            ))
+        };
+        let sheared = turn() * DMat3::from_diagonal(DVec3::new(1.0, squash, 1.0)) * turn();
+        let body = samples::cuboid(DVec3::NEG_ONE, DVec3::new(1.0, 2.0, 0.1), &grey);
+        stage.place("body", body, DAffine3::from_mat3_translation(sheared, DVec3::ZERO)).unwrap();
+        let accel = Accel::build(&stage.finish(), None);
+        let instance = &accel.instances()[0];
+        for _ in 0..2000 {
+            let (mut b1, mut b2) = (numbers.next() as f32, numbers.next() as f32);
+            if b1 + b2 > 1.0 {
+                (b1, b2) = (1.0 - b1, 1.0 - b2);
+            }
+            let triangle = (numbers.next() * 12.0) as u32;
+            let point = instance.surface_point(triangle, b1, b2);
+            let direction = numbers.direction();
+            let start =
+                instance.origin_in_mesh(&Ray::new(point.origin_towards(direction), direction)).as_dvec3();
+            let corners = instance.mesh().triangles()[triangle as usize];
+            let [a, b, c] = corners.map(|vertex| instance.mesh().positions()[vertex as usize].as_dvec3());
+            let above = (b - a).cross(c - a).dot(start - a);
+            assert!(above * f64::from(direction.dot(point.n_geo)) > 0.0, "squash {squash} case {case}");
+        }
+    }
+}
+
+/// Of two surfaces in one place the one of the earlier instance is met, everywhere and from everywhere.
+#[test]
+fn coincident_surfaces_have_one_winner() {
+    let mut numbers = Numbers(17);
+    let (mut stage, grey) = stage_with_grey();
+    let placed = DAffine3::from_scale_rotation_translation(
+        DVec3::new(1.0, 2.0, 0.7),
+        DQuat::from_axis_angle(DVec3::new(1.0, -1.0, 0.4).normalize(), 0.8),
+        DVec3::new(0.3, 0.1, -0.7),
+    );
+    for name in ["a", "b", "c"] {
+        stage.place(name, samples::sphere(DVec3::ZERO, 1.0, 24, &grey), placed).unwrap();
+    }
+    let accel = Accel::build(&stage.finish(), None);
+    let mut hits = 0;
+    for _ in 0..20_000 {
+        let ray = Ray::new(numbers.point(3.0).as_vec3(), numbers.direction());
+        if let Some(hit) = accel.closest_hit(&ray, |_| true) {
+            assert_eq!(hit.instance, 0);
+            hits += 1;
+        }
+    }
+    assert!(hits > 1000, "the balls must be hit often to test anything: {hits}");
+}

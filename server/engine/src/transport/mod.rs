@@ -14,5 +14,5 @@ mod world;
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
 pub use light::{LightOrigin, LightSample, Lights};
 pub use path_class::{PathClass, Scatter};
-pub use surface::Surface;
+pub use surface::{Absorption, Surface};
 pub use world::{ShadowRay, World, WorldReport};

@@ -33,8 +33,8 @@ pub struct Surface {
     pub emitted: Rgb,
     /// Radiance that only counts where the surface is seen (unlit materials).
     pub unlit: Rgb,
-    /// Colour that is left of light that crossed one metre inside, for hits from inside an absorbing material.
-    pub absorbed_from: Option<Absorption>,
+    /// What fills the inside of glass that absorbs.
+    pub inside: Option<Absorption>,
 }
 
 /// Beer–Lambert absorption.
@@ -146,18 +146,17 @@ impl PreparedMaterial {
         let n_shade = self.shading_normal(instance, hit, &at, point.n_geo);
         if self.material.unlit {
             let (frame, bsdf) = (Frame::around(n_shade), Bsdf::Black);
-            return Surface { point, frame, bsdf, emitted: Rgb::BLACK, unlit: base, absorbed_from: None };
+            return Surface { point, frame, bsdf, emitted: Rgb::BLACK, unlit: base, inside: None };
         }
         let bsdf = self.bsdf(base, &at);
         let is_glass = matches!(bsdf, Bsdf::Glass(_));
         // Reflection is two-sided: the frame turns to the viewer. For glass the sides differ and the frame stays.
         let n_shade = if !is_glass && wo.dot(n_shade) < 0.0 { -n_shade } else { n_shade };
-        let inside = is_glass && wo.dot(n_shade) < 0.0 && self.material.attenuation_distance_m.is_finite();
-        let absorbed_from = inside.then_some(Absorption {
+        let inside = (is_glass && self.material.attenuation_distance_m.is_finite()).then_some(Absorption {
             color: self.material.attenuation_color,
             distance_m: self.material.attenuation_distance_m,
         });
-        Surface { point, frame: Frame::around(n_shade), bsdf, emitted, unlit: Rgb::BLACK, absorbed_from }
+        Surface { point, frame: Frame::around(n_shade), bsdf, emitted, unlit: Rgb::BLACK, inside }
     }
 
     fn base_color(&self, at: &Interpolated) -> Rgb {

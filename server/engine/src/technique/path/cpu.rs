@@ -7,7 +7,7 @@ use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
     math::{Rgb, sobol::PixelSampler},
-    transport::{PathClass, Scatter, Surface, World, bsdf::LobeValue},
+    transport::{Absorption, Bsdf, PathClass, Scatter, ShadowRay, Surface, World, bsdf::LobeValue},
 };
 
 /// Scatterings before Russian roulette may end a path: the first ones carry most of the picture.
@@ -38,6 +38,8 @@ struct Path<'a> {
     eta_squared: f32,
     /// The last surface scattered with a density there: what light sampling there competes with.
     last: Option<LastVertex>,
+    /// What the ray crosses; `None` in air and clear glass.
+    medium: Option<Absorption>,
     sampler: &'a PixelSampler,
 }
 
@@ -77,6 +79,7 @@ impl Tracer<'_> {
             bounce: 0,
             eta_squared: 1.0,
             last: None,
+            medium: None,
             sampler,
         };
         while self.advance(&mut path, &mut sample, tally) {}
@@ -91,8 +94,14 @@ impl Tracer<'_> {
             return false;
         };
         let surface = self.world.surface(&hit, path.ray.direction);
-        if let Some(absorption) = &surface.absorbed_from {
-            path.throughput *= absorption.transmittance(hit.t);
+        // Glass met from inside says what the ray came through, also to a camera that stands in it; every other surface
+        // is met in what the path entered last.
+        let is_glass = matches!(surface.bsdf, Bsdf::Glass(_));
+        if is_glass && path.ray.direction.dot(surface.frame.n) > 0.0 {
+            path.medium = surface.inside;
+        }
+        if let Some(medium) = &path.medium {
+            path.throughput *= medium.transmittance(hit.t);
         }
         if path.bounce == 0 {
             sample.albedo = surface.bsdf.albedo() + surface.unlit;
@@ -177,7 +186,7 @@ impl Tracer<'_> {
         if self.world.is_occluded(&shadow_ray) {
             return;
         }
-        let arriving = path.throughput * radiance * (1.0 / light.pdf);
+        let arriving = path.throughput * radiance * (1.0 / light.pdf) * path.transmittance(&shadow_ray);
         let mut add = |lobe: &LobeValue, scatter| {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
@@ -200,7 +209,8 @@ impl Tracer<'_> {
     fn scatter(&self, path: &mut Path<'_>, surface: &Surface) -> bool {
         let [lobe, u, v, survival] = path.sampler.four(1 + 2 * path.bounce);
         let wo = -path.ray.direction;
-        let Some(drawn) = surface.bsdf.sample(surface.frame.to_local(wo), [lobe, u, v]) else { return false };
+        let wo_local = surface.frame.to_local(wo);
+        let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
         if !self.wants(class) {
@@ -215,12 +225,25 @@ impl Tracer<'_> {
             n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
             pdf_solid_angle,
         });
+        if wo_local.z * drawn.wi.z < 0.0 {
+            path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
+        }
         path.ray = Ray::new(surface.point.origin_towards(wi), wi);
         path.survives_roulette(survival)
     }
 }
 
 impl Path<'_> {
+    /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.
+    fn transmittance(&self, shadow_ray: &ShadowRay) -> Rgb {
+        let ray = &shadow_ray.ray;
+        match &self.medium {
+            // A way without end leaves the medium somewhere, through a hole: nothing is taken, as from rays that hit nothing.
+            Some(medium) if ray.t_max.is_finite() => medium.transmittance(ray.t_max * ray.direction.length()),
+            _ => Rgb::WHITE,
+        }
+    }
+
     /// Ends the path with a chance that grows as it carries less, and makes up for it when it goes on.
     fn survives_roulette(&mut self, u: f32) -> bool {
         if self.throughput.is_black() {

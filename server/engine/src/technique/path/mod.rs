@@ -11,6 +11,8 @@
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
 //! for any eye path), as in every path tracer; the caustics room will.
 
+#[cfg(test)]
+mod closed_forms;
 mod cpu;
 #[cfg(test)]
 mod tests;

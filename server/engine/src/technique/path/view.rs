@@ -59,8 +59,9 @@ impl View {
         }
     }
 
-    /// Distance of a point of render space along the camera's axis, metres.
+    /// Distance of a point of render space along the camera's axis, metres; never negative.
     pub fn depth_m(&self, p: Vec3) -> f32 {
-        (self.origin - p).dot(self.back)
+        // What a ray has met lies in front, but for a camera on that very surface rounding may put it behind.
+        (self.origin - p).dot(self.back).max(0.0)
     }
 }

@@ -4,6 +4,8 @@
 //! are chosen evenly beside it. Every density includes the choice of the light.
 
 mod environment;
+#[cfg(test)]
+mod tests;
 mod tree;
 
 use std::f32::consts::PI;
@@ -144,9 +146,13 @@ impl Lights {
         bounds: &mut Vec<(u32, LightBounds)>,
     ) {
         let placed = &accel.instances()[instance as usize];
-        let [a, b, c] =
-            placed.mesh().triangles()[triangle as usize].map(|vertex| placed.vertex_in_render(vertex));
-        let area_m2 = ((b - a).as_dvec3().cross((c - a).as_dvec3()).length() * 0.5) as f32;
+        let corners = placed.mesh().triangles()[triangle as usize];
+        let [a, b, c] = corners.map(|vertex| placed.vertex_in_render(vertex));
+        // The area from the edges as the mesh has them: corners in render space are rounded to 2⁻²⁴ of their distance
+        // from its origin, which a lamp of a centimetre ten kilometres away does not survive.
+        let [v0, v1, v2] = corners.map(|vertex| placed.mesh().positions()[vertex as usize]);
+        let [e1, e2] = [v1 - v0, v2 - v0].map(|edge| placed.vector_to_render(edge).as_dvec3());
+        let area_m2 = (e1.cross(e2).length() * 0.5) as f32;
         let sides = if emission.two_sided { 2.0 } else { 1.0 };
         let axis = placed.surface_point(triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
         let light = LightBounds {
