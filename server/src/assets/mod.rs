@@ -19,6 +19,7 @@ mod tests;
 
 use std::path::Path;
 
+use glam::Vec3;
 use lumicast_engine::scene::{Id, Scene, SceneBuilder};
 
 pub use error::AssetError;
@@ -26,6 +27,13 @@ pub use export::export_glb;
 pub use limits::AssetLimits;
 
 use folder::Folder;
+
+/// What to say of a file's normals when some have no length: the engine takes a zero for the wish for a flat normal,
+/// which an importer may have, but in a file it is most likely a mistake of the exporter.
+fn zero_normals(normals: &[Vec3]) -> Option<String> {
+    let count = normals.iter().filter(|normal| **normal == Vec3::ZERO).count();
+    (count > 0).then(|| format!("{count} normals of zero length: the triangle's own normal is used there"))
+}
 
 /// Where the objects of a glTF file go in a scene that exists already.
 #[derive(Clone, Debug, Default)]

@@ -27,11 +27,13 @@ pub(in crate::scene) fn check(
     check_runs(id, &source)?;
 
     let mut warnings = Vec::new();
-    let bounds = source.positions.iter().fold(Aabb::EMPTY, |bounds, position| bounds.including(*position));
+    // Of what triangles use: one forgotten vertex far away would take the digits of all others.
+    let corners = source.triangles.iter().flatten().map(|vertex| source.positions[*vertex as usize]);
+    let bounds = corners.fold(Aabb::EMPTY, |bounds, position| bounds.including(position));
     let centre = if bounds.is_empty() { DVec3::ZERO } else { bounds.centre() };
     let positions: Vec<Vec3> =
         source.positions.iter().map(|position| (position - centre).as_vec3()).collect();
-    let normals = unit_normals(source.normals, &mut warnings);
+    let normals = unit_normals(source.normals);
     let (triangles, primitives) =
         without_degenerate(&positions, &source.triangles, source.primitives, &mut warnings);
     if triangles.is_empty() {
@@ -117,21 +119,9 @@ fn check_runs(id: &Id, source: &MeshSource) -> Result<(), SceneError> {
     Ok(())
 }
 
-fn unit_normals(normals: Vec<Vec3>, warnings: &mut Vec<String>) -> Vec<Vec3> {
-    let mut zero_count = 0;
-    let unit: Vec<Vec3> = normals
-        .into_iter()
-        .map(|normal| {
-            let unit = normal.as_dvec3().try_normalize().map(|normal| normal.as_vec3());
-            zero_count += usize::from(unit.is_none());
-            unit.unwrap_or(Vec3::ZERO)
-        })
-        .collect();
-    if zero_count > 0 {
-        warnings
-            .push(format!("{zero_count} normals of zero length: the triangle's own normal is used there"));
-    }
-    unit
+/// Zero vectors stay: they ask for the triangle's own normal. Double precision holds the length of any other.
+fn unit_normals(normals: Vec<Vec3>) -> Vec<Vec3> {
+    normals.into_iter().map(|normal| normal.as_dvec3().normalize_or_zero().as_vec3()).collect()
 }
 
 fn without_degenerate(

@@ -16,6 +16,8 @@ mod mesh;
 mod mesh_check;
 mod node;
 pub mod samples;
+#[cfg(test)]
+mod tests;
 mod texture;
 
 use std::sync::Arc;
@@ -58,6 +60,8 @@ pub struct Scene {
     pub(in crate::scene) cameras: IndexMap<Id, Camera>,
     pub(in crate::scene) environment: Environment,
     pub(in crate::scene) warnings: Vec<Warning>,
+    /// Warnings beyond the limit; the last of `warnings` says so when there are any.
+    pub(in crate::scene) warnings_left_out: u64,
 }
 
 impl Scene {

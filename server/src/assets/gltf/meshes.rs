@@ -10,7 +10,10 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use lumicast_engine::scene::{Id, MeshSource, Primitive};
 
 use super::accessors::Accessors;
-use crate::assets::error::{AssetError, Bound, bad};
+use crate::assets::{
+    error::{AssetError, Bound, bad},
+    zero_normals,
+};
 
 /// A mesh in the making and what was odd about it.
 #[derive(Debug, Default)]
@@ -60,7 +63,7 @@ pub(super) fn load(
         let (first, count) = match first_vertex_of.get(attributes) {
             Some(range) => *range,
             None => {
-                let range = append_vertices(&mut mesh.source, attributes, &kept, user, accessors, room)?;
+                let range = append_vertices(&mut mesh, attributes, &kept, user, accessors, room)?;
                 first_vertex_of.insert(*attributes, range);
                 range
             }
@@ -113,7 +116,7 @@ fn drawable(primitive: &JsonPrimitive, warnings: &mut Vec<String>) -> Option<Att
 
 /// Adds the vertices of `attributes`; what this primitive lacks but another one has is filled neutrally.
 fn append_vertices(
-    source: &mut MeshSource,
+    mesh: &mut LoadedMesh,
     attributes: &Attributes,
     all: &[(Attributes, &JsonPrimitive)],
     user: &str,
@@ -121,6 +124,7 @@ fn append_vertices(
     room: Room,
 ) -> Result<(u32, u32), AssetError> {
     let (count, _) = accessors.shape(attributes.positions, user, "POSITION")?;
+    let LoadedMesh { source, warnings } = mesh;
     let first = source.positions.len();
     let vertices = Bound { what: "vertices", limit: room.vertices, setting: "vertices_max" };
     vertices.check(user, (first + count) as u64)?;
@@ -142,9 +146,11 @@ fn append_vertices(
     let end = source.positions.len();
     if any(|attributes| attributes.normals.is_some()) {
         if let Some((index, _)) = fits(attributes.normals, "NORMAL")? {
+            let before = source.normals.len();
             source
                 .normals
                 .extend(accessors.vectors(index, user, "NORMAL")?.into_iter().map(Vec3::from_array));
+            warnings.extend(zero_normals(&source.normals[before..]));
         }
         // Zero stands for the triangle's own normal.
         source.normals.resize(end, Vec3::ZERO);

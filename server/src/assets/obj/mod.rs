@@ -19,6 +19,7 @@ use super::{
     error::{AssetError, bad},
     folder::Folder,
     names::Names,
+    zero_normals,
 };
 
 /// Adds an OBJ file's objects, and the materials of its libraries, to `builder`.
@@ -131,6 +132,7 @@ impl Objects<'_> {
         if normals.len() == positions.len() {
             source.normals.resize(first, Vec3::ZERO);
             source.normals.extend(normals.iter().map(|normal| DVec3::from_array(*normal).as_vec3()));
+            warnings.extend(zero_normals(&source.normals[first..]));
         } else if !normals.is_empty() {
             warnings.push("some corners have no normal: flat normals are used".into());
         }

@@ -217,6 +217,16 @@ fn primitives_become_runs_of_one_mesh() {
     assert_eq!(runs, [(0, "b"), (1, "a"), (2, "a")]);
     assert_eq!(mesh.triangles(), [[0, 1, 2], [0, 2, 3], [4, 6, 7]]);
     assert_eq!(mesh.normals(), [[Vec3::Z; 4], [Vec3::ZERO; 4]].as_flattened());
+    assert_eq!(scene.warnings(), []);
+}
+
+/// Normals of no length in the file itself are told, with the mesh that has them.
+#[test]
+fn zero_normals_of_the_file_are_told() {
+    let mut glb = Glb::square();
+    let normals = glb.floats(&[[0.0, 0.0, 1.0], [0.0; 3], [0.0; 3], [0.0, 0.0, 1.0]]);
+    glb.attribute("NORMAL", normals);
+    super::warns(&glb.scene(), &["mesh", "2 normals of zero length"]);
 }
 
 /// A mesh without normals stays without, and one without material gets glTF's: a rough white metal.
