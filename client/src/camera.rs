@@ -221,8 +221,12 @@ pub fn sphere_around([min, max]: Bounds) -> Option<(DVec3, f64)> {
 }
 
 fn clamp_focus(distance_m: f64) -> f64 {
-    // NaN (of a scene that sends nonsense) becomes the least distance.
-    distance_m.max(FOCUS_DISTANCE_MIN_M).min(FOCUS_DISTANCE_MAX_M)
+    // NaN (of a scene that sends nonsense) becomes the least distance; `clamp` would keep it.
+    if distance_m > FOCUS_DISTANCE_MIN_M {
+        distance_m.min(FOCUS_DISTANCE_MAX_M)
+    } else {
+        FOCUS_DISTANCE_MIN_M
+    }
 }
 
 /// The rotation of a matrix that is expected to be rigid; scale is divided out, nonsense becomes identity.

@@ -203,11 +203,6 @@ impl Model {
         *self = fresh;
     }
 
-    /// A person asks to be disconnected.
-    pub fn disconnect(&mut self) {
-        self.link.stop();
-    }
-
     fn next_random(&mut self) -> u64 {
         // An xorshift spreads the session's randomness over later needs: jitter, later sessions.
         self.random ^= self.random << 13;

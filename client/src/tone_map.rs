@@ -32,7 +32,11 @@ impl Display {
     /// sRGB codes of one colour. NaN and negative radiance are black.
     pub fn show(&self, radiance: [f32; 3]) -> [u8; 3] {
         // Every map is white to half a code well below 1e9, and squares of it stay finite.
-        let bounded = radiance.map(|v| (v * self.factor).max(0.0).min(1e9));
+        let bounded = radiance.map(|v| {
+            let exposed = v * self.factor;
+            // NaN fails the comparison; `clamp` would keep it.
+            if exposed > 0.0 { exposed.min(1e9) } else { 0.0 }
+        });
         let mapped = match self.tone_map {
             ToneMap::Linear => bounded,
             ToneMap::Reinhard => {

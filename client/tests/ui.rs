@@ -1,5 +1,8 @@
 //! The window's widgets, found by their accessible names, against a network of this process. No display, no GPU.
 
+// The helpers of a test file count as code; in a test a panic is the message.
+#![allow(clippy::unwrap_used)]
+
 use egui::{Key, Modifiers};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};

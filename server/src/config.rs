@@ -91,7 +91,7 @@ settings! {
     /// Seed of all random numbers: the same seed, scene and camera give the same picture.
     seed: u64 = 0;
     /// Web pages of other origins that may use this server from a browser (CORS and WebSocket), such as
-    /// "https://viewer.example.org"; "*": any. Empty: only the server's own page.
+    /// `https://viewer.example.org`; `*`: any. Empty: only the server's own page.
     allow_origins: Vec<String> = Vec::new();
     /// Log format: text, or json for one object per line.
     log_format: String = "text".into();
@@ -102,6 +102,8 @@ settings! {
     message_bytes: u64 = Limits::default().message_bytes;
     /// Bytes of an HTTP body: edits, and files for new scenes.
     body_bytes: u64 = Limits::default().body_bytes;
+    /// Bytes of all HTTP bodies being taken at once; beyond it: 503 with Retry-After. At least body_bytes.
+    bodies_bytes: u64 = 1 << 30;
     /// Edits in one batch.
     edits_per_batch: u32 = Limits::default().edits_per_batch;
     /// Messages a client may send in a second, acks and pings not counted; twice that in one second disconnects it.
@@ -315,6 +317,9 @@ impl Config {
         ];
         if let Some((key, value)) = counts.into_iter().find(|(_, value)| *value == 0) {
             return bad(key, &value, "at least 1");
+        }
+        if self.bodies_bytes < self.body_bytes {
+            return bad("bodies_bytes", &self.bodies_bytes, "at least body_bytes");
         }
         if self.head_bytes < 8192 {
             return bad(

@@ -3,6 +3,11 @@
 //! A camera's way to a picture: `stream → scenes → engine::render → engine::film → images → socket`.
 //! The binary `lumicast` only reads arguments and calls [`cli`].
 
+#![allow(
+    clippy::result_large_err,
+    reason = "a problem is made once per refused request; boxing it everywhere would cost more words than it saves bytes"
+)]
+
 pub mod assets;
 pub mod cli;
 pub mod config;

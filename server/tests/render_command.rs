@@ -1,5 +1,7 @@
 //! The binary as users meet it: exit codes, what it prints where, and what a signal leaves behind.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::{
     io::{BufRead, BufReader},
     path::Path,

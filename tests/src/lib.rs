@@ -1,16 +1,25 @@
 //! Whole-system tests, laws and benches.
 //!
-//! What they share: where to find scenes that are not part of the repository.
+//! What they share: where to find scenes that are not part of the repository and the built programs, a real server
+//! in a process of its own, and blocking clients for its HTTP and its WebSocket. Nothing here sleeps: whoever waits
+//! reads with a deadline.
 
-use std::path::{Path, PathBuf};
+mod http;
+mod programs;
+mod random;
+mod server;
+mod statistics;
+mod viewer;
 
-/// The folder of shared scenes and references, when it stands beside the project (or where `LUMICAST_SHARED` says).
-pub fn shared_folder() -> Option<PathBuf> {
-    if let Some(folder) = std::env::var_os("LUMICAST_SHARED") {
-        return Some(PathBuf::from(folder)).filter(|folder| folder.join("scenes").is_dir());
-    }
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .ancestors()
-        .map(|ancestor| ancestor.join("shared"))
-        .find(|folder| folder.join("scenes").is_dir())
-}
+pub use http::Response;
+pub use programs::{program, shared_folder};
+pub use random::Random;
+pub use server::Server;
+pub use statistics::percentile;
+pub use viewer::{Event, Viewer};
+
+use std::time::Duration;
+
+/// How long to wait for one thing to happen. Generous: machines of continuous integration have 2 cores, run debug
+/// builds and do other things too; whoever waits as long has found a hang, not slowness.
+pub const PATIENCE: Duration = Duration::from_secs(60);

@@ -78,10 +78,6 @@ impl Link {
         *self = Self { state: LinkState::Connecting, heard_s: now_s, ..Self::default() };
     }
 
-    pub(super) fn stop(&mut self) {
-        *self = Self::default();
-    }
-
     pub(super) fn heard(&mut self, now_s: f64) {
         self.heard_s = now_s;
     }

@@ -100,7 +100,8 @@ impl ConnectDialog {
             Err(TryRecvError::Disconnected) => Err("no answer".into()),
         };
         self.pending = None;
-        let list = body.and_then(|body| {
+        let server = self.address.as_ref().map_or(String::new(), ServerAddress::label);
+        let list = body.map_err(|reason| format!("{server} does not answer: {reason}")).and_then(|body| {
             serde_json::from_str::<SceneList>(&body)
                 .map_err(|error| format!("this is no Lumicast server: {error}"))
         });
@@ -124,7 +125,8 @@ impl ConnectDialog {
             return None;
         }
         let mut wish = None;
-        let modal = egui::Modal::new(egui::Id::unique("connect"));
+        let frame = Frame::window(&ctx.global_style()).inner_margin(18.0);
+        let modal = egui::Modal::new(egui::Id::unique("connect")).frame(frame);
         let shown = modal.show(ctx, |ui| {
             ui.set_width(WIDTH);
             ui.heading("Connect to a Lumicast server");
@@ -133,6 +135,9 @@ impl ConnectDialog {
             ui.add_space(6.0);
             if let Some(error) = &self.error {
                 ui.label(RichText::new(error).color(theme::ERROR));
+                ui.label(
+                    RichText::new("A server is started with: lumicast serve").small().color(theme::WEAK),
+                );
             } else if self.pending.is_some() {
                 ui.horizontal(|ui| {
                     ui.spinner();

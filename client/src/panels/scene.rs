@@ -26,6 +26,9 @@ pub struct TreePanel {
     /// The lines, and what they were made from.
     rows: Vec<Row>,
     made_from: Option<(u64, Folding, String)>,
+    /// What was selected in the frame before: a selection made elsewhere is scrolled to.
+    selected: Option<Selected>,
+    rows_in_sight: std::ops::Range<usize>,
 }
 
 impl TreePanel {
@@ -44,18 +47,26 @@ impl TreePanel {
         self.refresh(&scene);
         let mut toggled = None;
         ui.spacing_mut().item_spacing.y = 0.0;
-        ScrollArea::vertical().auto_shrink([false, false]).show_rows(
-            ui,
-            ROW_HEIGHT,
-            self.rows.len(),
-            |ui, range| {
-                for row in self.rows.get(range).unwrap_or_default() {
-                    if let Some(branch) = draw_row(ui, row, model, &scene.description) {
-                        toggled = Some(branch);
-                    }
+        let mut area = ScrollArea::vertical().auto_shrink([false, false]);
+        if self.selected != model.selected {
+            let chosen =
+                self.rows.iter().position(|row| row.selects.is_some() && row.selects == model.selected);
+            let height = ui.available_height();
+            if let Some(index) = chosen.filter(|index| !self.rows_in_sight.contains(index)) {
+                area = area.vertical_scroll_offset((index as f32 * ROW_HEIGHT - height * 0.5).max(0.0));
+            }
+            self.selected.clone_from(&model.selected);
+        }
+        let mut in_sight = 0..0;
+        area.show_rows(ui, ROW_HEIGHT, self.rows.len(), |ui, range| {
+            in_sight = range.clone();
+            for row in self.rows.get(range).unwrap_or_default() {
+                if let Some(branch) = draw_row(ui, row, model, &scene.description) {
+                    toggled = Some(branch);
                 }
-            },
-        );
+            }
+        });
+        self.rows_in_sight = in_sight;
         if let Some(branch) = toggled {
             self.folding.toggle(branch);
         }

@@ -17,7 +17,8 @@ pub fn show(ui: &mut Ui, model: &Model, now_s: f64) {
             error.map_or("error –".into(), |error| format!("error {}", numbers::percent(error.into())));
         ui.label(RichText::new(text).color(colour)).on_hover_text("√relMSE of the picture on show");
         if let Some(frame) = frame {
-            ui.label(format!("{} samples", numbers::count(frame.samples.into())));
+            let plural = if frame.samples == 1 { "" } else { "s" };
+            ui.label(format!("{} sample{plural}", numbers::count(frame.samples.into())));
         }
         ui.label(format!("{:.1} frames/s", model.rate.frames_per_second(now_s)));
         if let Some(p50) = model.camera_latencies.percentile_s(0.5) {

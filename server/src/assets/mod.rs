@@ -69,6 +69,21 @@ fn load_file(path: &Path, limits: &AssetLimits) -> Result<Scene, AssetError> {
     Ok(builder.finish().0)
 }
 
+/// Reads a scene from a glTF file in memory, its environment included.
+///
+/// - `bytes`: a `.glb`, or a `.gltf` whose buffers and images are data URIs: there is no folder to read from
+pub fn load_glb(bytes: &[u8], limits: &AssetLimits) -> Result<Scene, AssetError> {
+    let mut builder = SceneBuilder::new(limits.scene);
+    let folder = Folder::none(limits.buffers_bytes_max);
+    gltf::import(bytes, folder, &mut builder, &GltfPlacement::default(), limits)
+        .and_then(|environment| match environment {
+            Some(environment) => Ok(builder.set_environment(environment)?),
+            None => Ok(()),
+        })
+        .map_err(|error| error.in_file("glTF data"))?;
+    Ok(builder.finish().0)
+}
+
 /// Adds the content of a glTF file to a scene under construction. Names that are taken get a ` #2`.
 ///
 /// - `bytes`: a `.glb`, or a `.gltf` whose buffers and images are data URIs: there is no folder to read from

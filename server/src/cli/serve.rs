@@ -9,7 +9,7 @@ use std::error::Error;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 
@@ -91,8 +91,8 @@ impl ServeArgs {
         let workshop = Arc::new(Workshop::open(config)?);
         let scenes = Arc::new(Scenes::new(workshop.clone()));
         let (stopper, stopping) = shutdown::stop_signal();
-        let ready = Arc::new(AtomicBool::new(false));
-        let service = Service { scenes: scenes.clone(), stopping, ready: ready.clone() };
+        let service = Service::new(scenes.clone(), stopping);
+        let ready = service.ready.clone();
         let server = tokio::spawn(http::serve(listener, service));
         let loading = tokio::task::spawn_blocking({
             let (scenes, files) = (scenes.clone(), self.scenes);

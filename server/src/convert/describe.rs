@@ -1,11 +1,11 @@
 //! A scene → what is told about it.
 
 use super::{wire_id, wire_projection};
+use lumicast_engine::effects::EffectPlan;
 use lumicast_engine::math::Rgb;
 use lumicast_engine::scene::{
     Aabb, Environment, Id, Light, LightKind, Material, Scene, Texels, Texture, TextureSlot,
 };
-use lumicast_engine::transport::World;
 use lumicast_protocol as wire;
 
 /// Everything but geometry and texels.
@@ -230,35 +230,12 @@ fn mean_over_sphere(image: &Texture) -> [f32; 3] {
 }
 
 /// Which parts of the renderer this scene needs, and why.
-pub fn effects(world: &World, revision: u64) -> wire::Effects {
-    let scene = world.scene();
-    let materials = || scene.materials().values();
-    let emissive = emissive_triangles(scene);
-    let smooth =
-        materials().filter(|m| (m.metallic > 0.0 && m.roughness < 0.2) || m.transmission > 0.0).count();
-    let glossy = materials().filter(|m| m.metallic > 0.0 || m.specular > 0.0).count();
-    let has_environment = !matches!(scene.environment(), Environment::None);
-    let lit = emissive > 0 || !scene.lights().is_empty() || has_environment;
-    let lights = format!(
-        "{emissive} emissive triangles, {} lights without area, {}",
-        scene.lights().len(),
-        if has_environment { "an environment" } else { "no environment" }
-    );
-    let rows = [
-        ("direct", lit, lights),
-        ("indirect", lit, "path tracing follows every bounce; it is what this version has".to_string()),
-        (
-            "caustics",
-            lit && smooth > 0,
-            match smooth {
-                0 => "no surface is smooth enough to focus light".to_string(),
-                count => {
-                    format!("{count} materials are smooth metal or transmit; path tracing finds their light")
-                }
-            },
-        ),
-        ("specular", glossy > 0 || smooth > 0, format!("{glossy} materials have a specular lobe")),
-    ];
-    let effects = rows.map(|(effect, on, reason)| wire::Effect { effect: effect.into(), on, reason });
-    wire::Effects { revision, effects: effects.into() }
+pub fn effects(scene: &Scene, revision: u64) -> wire::Effects {
+    let plan = EffectPlan::of(scene);
+    let effects = plan.effects.into_iter().map(|effect| wire::Effect {
+        effect: effect.kind.name().into(),
+        on: effect.is_on,
+        reason: effect.reason,
+    });
+    wire::Effects { revision, effects: effects.collect() }
 }

@@ -39,7 +39,7 @@ pub(super) async fn apply(
     if !body::is_type(&headers, &["application/json"]) {
         return Err(HttpProblem::new(ProblemKind::UnsupportedFormat, "send edits as application/json"));
     }
-    let bytes = body::read(body, &headers, &service.scenes.workshop().config).await?;
+    let body::Taken { bytes, share: _share } = body::read(body, &headers, &service).await?;
     // Large meshes take a while to read; a small batch does not, and blocking threads cost more than it.
     let batch = match bytes.len() {
         0..=65_536 => EditBatch::from_json(&bytes),

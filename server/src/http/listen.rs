@@ -30,10 +30,13 @@ pub async fn serve(listener: TcpListener, service: Service) {
         let (router, stopping, service) = (router.clone(), stopping.clone(), service.clone());
         let (head_seconds, head_bytes) = (config.head_seconds, config.head_bytes);
         tokio::spawn(async move {
-            let metrics = &service.scenes.workshop().metrics;
-            metrics.connections.add(1);
+            let workshop = service.scenes.workshop().clone();
+            workshop.metrics.connections.add(1);
             serve_one(stream, router, stopping, head_seconds, head_bytes as usize).await;
-            metrics.connections.add(-1);
+            workshop.metrics.connections.add(-1);
+            drop(workshop);
+            // The permit last: once all are back, nothing of any connection is left.
+            drop(service);
             drop(permit);
         });
     }

@@ -31,6 +31,7 @@ use axum::{Router, middleware};
 use lumicast_protocol::{Problem, ProblemKind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use tokio::sync::Semaphore;
 use tower_http::cors::{AllowOrigin, Any, CorsLayer};
 
 pub use listen::serve;
@@ -47,9 +48,17 @@ pub struct Service {
     pub stopping: Stopping,
     /// Set once the scenes of the command line and the store are loaded.
     pub ready: Arc<AtomicBool>,
+    /// Bytes that bodies may still take.
+    bodies: Arc<Semaphore>,
 }
 
 impl Service {
+    /// A service that is not ready yet.
+    pub fn new(scenes: Arc<Scenes>, stopping: Stopping) -> Service {
+        let bodies = body::budget(&scenes.workshop().config);
+        Service { scenes, stopping, ready: Arc::default(), bodies }
+    }
+
     /// The scene of that id, or the problem that there is none.
     fn scene(&self, id: &str) -> Result<Arc<Scene>, HttpProblem> {
         let found = self.scenes.get(id);
@@ -112,7 +121,10 @@ async fn around(State(service): State<Service>, request: Request, next: Next) ->
             kind: "about:blank".into(),
             title: status.canonical_reason().unwrap_or("Refused").into(),
             status: status.as_u16(),
-            ..Problem::new(ProblemKind::Malformed, "path or query cannot be read; /openapi.json tells what is taken")
+            ..Problem::new(
+                ProblemKind::Malformed,
+                "path or query cannot be read; /openapi.json tells what is taken",
+            )
         };
         response = HttpProblem(problem).into_response();
     }
@@ -120,7 +132,8 @@ async fn around(State(service): State<Service>, request: Request, next: Next) ->
         metrics.http_problems.one();
         // Logged once, here; the client has the same words in its problem.
         match response.extensions().get::<Problem>() {
-            Some(problem) if status.is_server_error() => {
+            // 503 is said while starting, stopping and under load; whose fault it is logs it where it happens.
+            Some(problem) if status == StatusCode::INTERNAL_SERVER_ERROR => {
                 tracing::warn!(%method, path, status = status.as_u16(), detail = problem.detail, "refused");
             }
             _ => tracing::debug!(%method, path, status = status.as_u16(), "refused"),

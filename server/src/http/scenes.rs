@@ -68,8 +68,7 @@ pub(super) async fn create(
             "send a .glb as model/gltf-binary, or application/json",
         ));
     }
-    let config = &service.scenes.workshop().config;
-    let bytes = body::read(body, &headers, config).await?;
+    let body::Taken { bytes, share } = body::read(body, &headers, &service).await?;
     let (name, id, origin) = match bytes.starts_with(b"glTF") {
         true => (query.name, query.id, Origin::Glb(bytes)),
         false => from_json(&bytes)?,
@@ -86,7 +85,11 @@ pub(super) async fn create(
     };
     let scenes = service.scenes.clone();
     // Loading takes seconds of CPU: never on the threads that serve everybody.
-    let made = tokio::task::spawn_blocking(move || scenes.create(id, &name, origin)).await;
+    let made = tokio::task::spawn_blocking(move || {
+        let _share = share;
+        scenes.create(id, &name, origin)
+    })
+    .await;
     match made {
         Ok(Ok(scene)) => {
             tracing::info!(scene = %scene.id(), "made");

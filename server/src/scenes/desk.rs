@@ -7,8 +7,9 @@ use super::history::{Keys, digest};
 use super::{DeskMessage, EditJob, News, Scene, Snapshot, lock};
 use crate::assets;
 use crate::convert;
-use crate::store::{Base, Record, SceneStore};
-use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind};
+use crate::store::{Base, Encoded, Record, SceneStore};
+use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind, SceneDescription};
+use serde_json::Value;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, PoisonError, mpsc};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -68,10 +69,11 @@ impl Desk {
             );
             return Err(Problem::new(ProblemKind::RevisionMoved, detail).at_revision(before.revision));
         }
-        let limits = self.scene.workshop.edit_limits();
-        let applied = convert::apply(before.world.scene(), &edits, &limits)
-            .map_err(|problem| problem.at_revision(before.revision))?;
         let revision = before.revision + 1;
+        let batch = self.batch(revision, edits, idempotency_key.clone(), digest)?;
+        let limits = self.scene.workshop.edit_limits();
+        let applied = convert::apply(before.world.scene(), &batch.record().edits, &limits)
+            .map_err(|problem| problem.at_revision(before.revision))?;
         let light_revision =
             if applied.change.leaves_light_alone() { before.light_revision } else { revision };
         // Passes that draw the old scene give way: nobody will see them.
@@ -81,39 +83,50 @@ impl Desk {
         let scene = Arc::new(applied.scene);
         let world = self.scene.workshop.building_pool.install(|| before.world.update(scene));
         let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
-        self.record_and_publish(snapshot, edits, idempotency_key.zip(digest))
+        self.record_and_publish(snapshot, batch, idempotency_key.zip(digest))
+    }
+
+    /// The batch as it will be kept.
+    fn batch(
+        &self,
+        revision: u64,
+        edits: Vec<Edit>,
+        idempotency_key: Option<String>,
+        digest: Option<u64>,
+    ) -> Result<Batch, Problem> {
+        let seconds_since_epoch =
+            SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
+        let record = Record { revision, seconds_since_epoch, idempotency_key, digest, edits };
+        match self.store {
+            None => Ok(Batch::InMemory(record)),
+            Some(_) => match Encoded::new(&record) {
+                Ok(encoded) => Ok(Batch::ForDisk(encoded)),
+                Err(error) => {
+                    Err(Problem::new(ProblemKind::TooLarge, format!("the batch cannot be kept: {error}")))
+                }
+            },
+        }
     }
 
     fn record_and_publish(
         &mut self,
         snapshot: Snapshot,
-        edits: Vec<Edit>,
+        batch: Batch,
         key: Option<(String, u64)>,
     ) -> Result<EditReply, Problem> {
         let revision = snapshot.revision;
-        let seconds_since_epoch =
-            SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-        let idempotency_key = key.as_ref().map(|(key, _)| key.clone());
-        let record = Record { revision, seconds_since_epoch, idempotency_key, edits };
-        let bytes = match &mut self.store {
-            Some(store) => {
-                let before = store.log_bytes();
-                store.append(&record).map_err(|error| {
-                    tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
-                    Problem::new(
-                        ProblemKind::Unavailable,
-                        format!("the edit could not be put on disk: {error}"),
-                    )
-                })?;
-                store.log_bytes() - before
-            }
-            // A rough length will do for the bound of what is kept in memory.
-            None => serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64),
-        };
+        if let (Some(store), Batch::ForDisk(encoded)) = (&mut self.store, &batch) {
+            store.append(encoded).map_err(|error| {
+                tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
+                Problem::new(ProblemKind::Unavailable, format!("the edit could not be put on disk: {error}"))
+            })?;
+        }
         if let Some((key, digest)) = key {
             self.keys.insert(key, digest, revision);
         }
-        let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits: record.edits });
+        let bytes = batch.len_bytes();
+        let Record { seconds_since_epoch, edits, .. } = batch.into_record();
+        let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits });
         {
             let mut history = lock(&self.scene.history);
             *self.scene.snapshot.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(snapshot);
@@ -126,7 +139,7 @@ impl Desk {
         Ok(EditReply { revision })
     }
 
-    /// Folds a long log into a new base, if the scene comes back from its file exactly as it went in.
+    /// Folds a long log into a new base, if the scene comes back from its file as it went in.
     fn fold_if_long(&mut self) {
         let Some(store) = &mut self.store else { return };
         if store.log_bytes() < self.fold_at_bytes {
@@ -136,9 +149,9 @@ impl Desk {
         let described = self.scene.description();
         let limits = self.scene.workshop.config.asset_limits();
         let folded = assets::export_glb(snapshot.world.scene()).ok().and_then(|glb| {
-            let back = super::registry::scene_from_glb(&glb, &limits).ok()?;
+            let back = assets::load_glb(&glb, &limits).ok()?;
             let again = convert::describe(&back, &self.scene.id, &self.scene.name, snapshot.revision, true);
-            (again == *described).then_some(glb)
+            is_alike(&again, &described).then_some(glb)
         });
         let result = match folded {
             Some(glb) => store
@@ -154,5 +167,60 @@ impl Desk {
                 self.fold_at_bytes = store.log_bytes().saturating_mul(2);
             }
         }
+    }
+}
+
+/// A batch on its way to a revision.
+enum Batch {
+    InMemory(Record),
+    ForDisk(Encoded),
+}
+
+impl Batch {
+    fn record(&self) -> &Record {
+        match self {
+            Batch::InMemory(record) => record,
+            Batch::ForDisk(encoded) => &encoded.record,
+        }
+    }
+
+    fn into_record(self) -> Record {
+        match self {
+            Batch::InMemory(record) => record,
+            Batch::ForDisk(encoded) => encoded.record,
+        }
+    }
+
+    /// Its length as JSON, about, for the bound of what is kept in memory.
+    fn len_bytes(&self) -> u64 {
+        match self {
+            Batch::InMemory(record) => serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64),
+            Batch::ForDisk(encoded) => encoded.len_bytes(),
+        }
+    }
+}
+
+/// Whether two descriptions tell the same scene: all the same things, numbers to a part in 100,000. Vertices go through
+/// single precision about another centre, so bounds may differ in their last digits; what this must find is a thing
+/// that a GLB file cannot hold.
+fn is_alike(a: &SceneDescription, b: &SceneDescription) -> bool {
+    fn alike(a: &Value, b: &Value) -> bool {
+        match (a, b) {
+            (Value::Number(a), Value::Number(b)) => {
+                let (a, b) = (a.as_f64().unwrap_or(f64::NAN), b.as_f64().unwrap_or(f64::NAN));
+                (a - b).abs() <= 1e-5 * a.abs().max(b.abs()).max(1.0)
+            }
+            (Value::Array(a), Value::Array(b)) => {
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| alike(a, b))
+            }
+            (Value::Object(a), Value::Object(b)) => {
+                a.len() == b.len() && a.iter().all(|(key, a)| b.get(key).is_some_and(|b| alike(a, b)))
+            }
+            (a, b) => a == b,
+        }
+    }
+    match (serde_json::to_value(a), serde_json::to_value(b)) {
+        (Ok(a), Ok(b)) => alike(&a, &b),
+        _ => false,
     }
 }

@@ -13,6 +13,9 @@ const FIRST_GUESS: f64 = 250_000.0;
 /// Share of the newest measurement in the running speed: follows a change within three passes.
 const NEWEST_SHARE: f64 = 0.4;
 
+/// Share of the budget that a finer rung may take: between rungs lies a factor of four, so this leaves room on both sides.
+const TIME_TO_SPARE: f64 = 0.6;
+
 /// Width and height in pixels.
 pub(super) type Size = [u16; 2];
 
@@ -48,10 +51,15 @@ impl Speed {
     }
 
     /// The divisor for a picture that must be there within `budget_seconds`.
-    pub(super) fn divisor_within(&self, full: Size, budget_seconds: f64) -> u32 {
-        rungs(1)
-            .find(|divisor| self.pass_seconds(scaled(full, *divisor)) <= budget_seconds)
-            .unwrap_or(DIVISOR_MAX)
+    ///
+    /// A finer one than the `last` is taken only with time to spare, so that the size does not flicker between two
+    /// rungs while the speed wavers.
+    pub(super) fn divisor_within(&self, full: Size, budget_seconds: f64, last: u32) -> u32 {
+        let fits = |divisor: &u32| {
+            let allowed = if *divisor < last { TIME_TO_SPARE * budget_seconds } else { budget_seconds };
+            self.pass_seconds(scaled(full, *divisor)) <= allowed
+        };
+        rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
     }
 
     /// The next divisor on the way to full size.
@@ -81,7 +89,7 @@ mod tests {
         for samples_per_second in [1e5, 1e6, 1e7, 1e9] {
             let speed = Speed { samples_per_second };
             for full in [[1, 1], [640, 360], [1920, 1080], [4096, 4096]] {
-                let divisor = speed.divisor_within(full, 0.04);
+                let divisor = speed.divisor_within(full, 0.04, 1);
                 let fits = speed.pass_seconds(scaled(full, divisor)) <= 0.04;
                 assert!(fits || divisor == DIVISOR_MAX);
                 // One rung larger would not have fitted.
@@ -89,6 +97,17 @@ mod tests {
                 assert!(divisor == 1 || larger > 0.04);
             }
         }
+    }
+
+    #[test]
+    fn a_finer_rung_needs_time_to_spare() {
+        let full = [640, 360];
+        // A half-size pass in exactly the budget, then in half of it.
+        let barely = Speed { samples_per_second: 320.0 * 180.0 / 0.04 };
+        assert_eq!(barely.divisor_within(full, 0.04, 2), 2);
+        assert_eq!(barely.divisor_within(full, 0.04, 4), 4);
+        let easily = Speed { samples_per_second: 320.0 * 180.0 / 0.02 };
+        assert_eq!(easily.divisor_within(full, 0.04, 4), 2);
     }
 
     #[test]

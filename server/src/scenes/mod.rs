@@ -300,7 +300,7 @@ impl Scene {
     /// Which parts of the renderer it needs.
     pub fn effects(&self) -> lumicast_protocol::Effects {
         let snapshot = self.snapshot();
-        convert::effects(&snapshot.world, snapshot.revision)
+        convert::effects(snapshot.world.scene(), snapshot.revision)
     }
 
     /// Viewers connected.

@@ -18,6 +18,7 @@ use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, Pro
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
@@ -102,6 +103,8 @@ struct ViewerFilm {
     divisor_min: u32,
     /// Quick passes in a row that took too long.
     overruns: u32,
+    /// Rung of the last quick pass.
+    quick_divisor: u32,
     shown: Option<Shown>,
     offer_at_passes: u32,
     measured: Option<MeasuredError>,
@@ -130,6 +133,8 @@ pub(super) struct Painter {
     films: HashMap<u64, ViewerFilm>,
     drawings: Vec<Drawing>,
     speed: Speed,
+    /// Of quick passes alone: small pictures keep all cores busy less well than large ones.
+    quick_speed: Speed,
     /// Who had the last slice, in the round of viewers and drawings.
     turn: usize,
     /// A quick pass was drawn while others waited to refine: they are next.
@@ -152,6 +157,7 @@ impl Painter {
             films: HashMap::new(),
             drawings: Vec::new(),
             speed: Speed::default(),
+            quick_speed: Speed::default(),
             turn: 0,
             slice_owed: false,
             alarm,
@@ -347,14 +353,19 @@ impl Painter {
             viewer.restart_curve();
         }
         let budget = self.quick_pass(active);
-        let fitting = self.speed.divisor_within(key.full, budget.as_secs_f64());
+        let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
         film.divisor_min = self.finest_divisor(key.full);
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
                 let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
-                let complete = self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
+                let (before, started) = (layer.rendering.film().sample_count(), Instant::now());
+                let complete =
+                    self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
+                let samples = layer.rendering.film().sample_count() - before;
+                self.quick_speed.measure(samples, started.elapsed().as_secs_f64());
+                film.quick_divisor = divisor;
                 if complete {
                     film.overruns = 0;
                     film.layer = Some(layer);
@@ -550,6 +561,7 @@ impl ViewerFilm {
             climb: None,
             divisor_min: 1,
             overruns: 0,
+            quick_divisor: DIVISOR_MAX,
             shown: None,
             offer_at_passes: 0,
             measured: None,
@@ -642,6 +654,7 @@ impl ViewerFilm {
 #[derive(Debug)]
 struct Alarm {
     shared: Arc<(Mutex<Setting>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Debug, Default)]
@@ -673,11 +686,11 @@ impl Alarm {
                 };
             }
         };
-        if let Err(error) = std::thread::Builder::new().name("alarm".into()).spawn(work) {
-            // Passes then run to their end: slower to react, not wrong.
-            tracing::error!(%error, "no thread for cutting passes short");
-        }
-        Alarm { shared }
+        let thread = std::thread::Builder::new().name("alarm".into()).spawn(work);
+        // Without it passes run to their end: slower to react, not wrong.
+        let thread =
+            thread.inspect_err(|error| tracing::error!(%error, "no thread for cutting passes short"));
+        Alarm { shared, thread: thread.ok() }
     }
 
     fn set(&self, at: Option<Instant>) {
@@ -690,7 +703,6 @@ impl Alarm {
             changed.notify_one();
         }
     }
-
 }
 
 impl Drop for Alarm {
@@ -698,5 +710,9 @@ impl Drop for Alarm {
         let (setting, changed) = &*self.shared;
         lock(setting).stopped = true;
         changed.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // It cannot panic.
+            let _ = thread.join();
+        }
     }
 }

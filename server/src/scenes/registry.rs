@@ -1,14 +1,14 @@
 //! The list of scenes: making, restoring, finding, deleting, stopping.
 
 use super::desk::Desk;
-use super::history::{History, Keys, digest};
+use super::history::{History, Keys};
 use super::painter::Painter;
 use super::{Board, Scene, Snapshot, Workshop, lock};
-use crate::assets::{self, AssetError, AssetLimits};
+use crate::assets::{self, AssetError};
 use crate::convert;
 use crate::store::{Base, SceneStore, StoreError, Stored};
 use crate::telemetry::SceneFigures;
-use lumicast_engine::scene::{self as engine_scene, SceneBuilder, SceneError, samples};
+use lumicast_engine::scene::{self as engine_scene, SceneError, samples};
 use lumicast_engine::transport::World;
 use lumicast_protocol::{Convergence, EventEntry, Problem, ProblemKind, SceneId, SceneList};
 use std::collections::BTreeMap;
@@ -188,8 +188,8 @@ impl Scenes {
                 CreateError::Replay { id: id.clone(), revision: record.revision, reason: problem.detail }
             })?;
             scene = applied.scene;
-            if let Some(key) = record.idempotency_key {
-                keys.insert(key, digest(&record.edits), record.revision);
+            if let (Some(key), Some(digest)) = (record.idempotency_key, record.digest) {
+                keys.insert(key, digest, record.revision);
             }
             let bytes = serde_json::to_vec(&record.edits).map_or(0, |json| json.len() as u64);
             let entry = EventEntry {
@@ -220,7 +220,7 @@ impl Scenes {
         match origin {
             Origin::Builtin(name) if name == BUILTIN => Ok((samples::cornell_box()?, Base::Builtin(name))),
             Origin::Builtin(name) => Err(CreateError::UnknownBuiltin(name)),
-            Origin::Glb(bytes) => Ok((scene_from_glb(&bytes, &limits)?, Base::Glb(bytes))),
+            Origin::Glb(bytes) => Ok((assets::load_glb(&bytes, &limits)?, Base::Glb(bytes))),
             Origin::File(path) => {
                 let scene = assets::load_scene(&path, &limits)?;
                 // Without a store the base is never looked at.
@@ -333,11 +333,4 @@ fn end(entry: Entry) {
         // It catches its own panics.
         let _ = thread.join();
     }
-}
-
-/// A scene from the bytes of a `.glb`.
-pub(super) fn scene_from_glb(bytes: &[u8], limits: &AssetLimits) -> Result<engine_scene::Scene, CreateError> {
-    let mut builder = SceneBuilder::new(limits.scene);
-    assets::load_gltf_bytes(bytes, &mut builder, assets::GltfPlacement::default(), limits)?;
-    Ok(builder.finish().0)
 }

@@ -1,7 +1,7 @@
 //! The durable scene store of `--data DIR`: what was acknowledged survives a kill or a power cut.
 //!
 //! One folder per scene: `scene.json` (what it starts from and which log belongs to it), the base as a file (unless it
-//! is built in), and an append-only log of edit batches ([`log`]). A batch is on disk (fsync) before it is answered.
+//! is built in), and an append-only log of edit batches (`log.rs`). A batch is on disk (fsync) before it is answered.
 //! When the log has grown large it is folded: the scene as it is becomes the new base beside a new empty log, and
 //! one rename of `scene.json` switches over; a crash before or after it leaves a whole store.
 //! Blocking I/O throughout: called from scene threads, never from tokio's. Knows the protocol's edits, not the engine.
@@ -14,7 +14,7 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-pub use log::Log;
+pub use log::{Encoded, Log};
 
 /// What failed, on which file.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +76,9 @@ pub struct Record {
     /// Key under which a repetition is recognised.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub idempotency_key: Option<String>,
+    /// Digest of the batch as it was received, beside its key.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<u64>,
     /// As they were sent.
     pub edits: Vec<Edit>,
 }
@@ -238,8 +241,8 @@ pub struct SceneStore {
 
 impl SceneStore {
     /// Puts a batch on disk; returns once it is there. After an error nothing of it remains.
-    pub fn append(&mut self, record: &Record) -> Result<(), StoreError> {
-        self.log.append(record)
+    pub fn append(&mut self, batch: &Encoded) -> Result<(), StoreError> {
+        self.log.append(batch)
     }
 
     /// Bytes of the log.

@@ -4,7 +4,7 @@ use lumicast_protocol::EditBatch;
 fn record(revision: u64) -> Record {
     let json = format!(r#"[{{"op":"remove_light","light":"lamp {revision}"}}]"#);
     let edits = EditBatch::from_json(json.as_bytes()).unwrap().edits;
-    Record { revision, seconds_since_epoch: 0.5, idempotency_key: None, edits }
+    Record { revision, seconds_since_epoch: 0.5, idempotency_key: None, digest: None, edits }
 }
 
 fn id(text: &str) -> SceneId {
@@ -21,7 +21,7 @@ fn written() -> tempfile::TempDir {
     let store = Store::open(dir.path()).unwrap();
     let mut scene = store.create(&id("box"), "Box", &Base::Glb(b"glb".to_vec())).unwrap();
     for revision in 2..=4 {
-        scene.append(&record(revision)).unwrap();
+        scene.append(&Encoded::new(&record(revision)).unwrap()).unwrap();
     }
     dir
 }
@@ -50,7 +50,7 @@ fn a_log_cut_at_any_byte_keeps_every_whole_record() {
         assert_eq!(stored.records.len(), kept, "cut at {length}");
         assert_eq!(stored.warning.is_some(), (length - 8) % record_bytes != 0);
         // The next batch goes where the torn one was.
-        scene.append(&record(kept as u64 + 2)).unwrap();
+        scene.append(&Encoded::new(&record(kept as u64 + 2)).unwrap()).unwrap();
         let (_, stored) = store.load(&id("box")).unwrap();
         assert_eq!((stored.records.len(), stored.warning), (kept + 1, None));
     }
@@ -82,7 +82,7 @@ fn folding_keeps_revision_and_keys_and_drops_the_old_files() {
     let (mut scene, _) = store.load(&id("box")).unwrap();
     let keys = vec![KeptKey { key: "k".into(), digest: 7, revision: 3 }];
     scene.fold(&Base::Glb(b"folded".to_vec()), 4, keys.clone()).unwrap();
-    scene.append(&record(5)).unwrap();
+    scene.append(&Encoded::new(&record(5)).unwrap()).unwrap();
     let (_, stored) = store.load(&id("box")).unwrap();
     assert_eq!((stored.base, stored.base_revision, stored.keys), (Base::Glb(b"folded".to_vec()), 4, keys));
     assert_eq!(stored.records, [record(5)]);

@@ -35,7 +35,11 @@ async fn every_op_of_the_contract_works_and_shows() {
             "/lights/0/intensity/2",
             json!(3.0),
         ),
-        (json!({"op": "set_light", "light": "l", "intensity": [4, 5, 6]}), "/lights/0/intensity/2", json!(6.0)),
+        (
+            json!({"op": "set_light", "light": "l", "intensity": [4, 5, 6]}),
+            "/lights/0/intensity/2",
+            json!(6.0),
+        ),
         (json!({"op": "set_light", "light": "l", "parent": "tile"}), "/lights/0/parent", json!("tile")),
         (
             json!({"op": "set_camera", "camera": "c", "look_at": {"position": [0,1,3], "target": [0,1,0]}, "yfov_rad": 0.5}),
@@ -90,31 +94,79 @@ async fn a_refused_batch_names_op_and_field_and_changes_nothing() {
     let before = server.get(BOX).await.body;
     let good = json!({"op": "set_environment", "kind": "constant", "radiance": [9, 9, 9]});
     let cases = [
-        (r#"{"op":"set_transform","node":"lamp","transform":{"scale":[1,0,1]}}"#, "set_transform", "transform"),
-        (r#"{"op":"set_transform","node":"lamp","transform":{"scale":[1,1e999,1]}}"#, "set_transform", "transform.scale[1]"),
-        (r#"{"op":"set_transform","node":"lamp","transform":{"rotation":[0,0,0,3]}}"#, "set_transform", "transform"),
+        (
+            r#"{"op":"set_transform","node":"lamp","transform":{"scale":[1,0,1]}}"#,
+            "set_transform",
+            "transform",
+        ),
+        (
+            r#"{"op":"set_transform","node":"lamp","transform":{"scale":[1,1e999,1]}}"#,
+            "set_transform",
+            "transform.scale[1]",
+        ),
+        (
+            r#"{"op":"set_transform","node":"lamp","transform":{"rotation":[0,0,0,3]}}"#,
+            "set_transform",
+            "transform",
+        ),
         (r#"{"op":"set_transform","node":"nobody","transform":{}}"#, "set_transform", "node"),
-        (r#"{"op":"set_transform","node":"lamp","transform":{"translation":[1e300,0,0]}}"#, "set_transform", "transform"),
+        (
+            r#"{"op":"set_transform","node":"lamp","transform":{"translation":[1e300,0,0]}}"#,
+            "set_transform",
+            "transform",
+        ),
         (r#"{"op":"set_material","material":"white","roughness":1.5}"#, "set_material", "roughness"),
         (r#"{"op":"set_material","material":"white","emission":[1e39,0,0]}"#, "set_material", "emission"),
         (r#"{"op":"set_material","material":"new"}"#, "set_material", "material"),
-        (r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0]],"triangles":[[0,1,2]],"material":"white"}"#, "add_mesh", "triangles"),
-        (r#"{"op":"add_mesh","mesh":"m","positions":[[0,1e39,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"material":"white"}"#, "add_mesh", "positions"),
-        (r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"normals":[[0,1,0]],"material":"white"}"#, "add_mesh", "normals"),
-        (r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"material":"gold"}"#, "add_mesh", "material"),
+        (
+            r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0]],"triangles":[[0,1,2]],"material":"white"}"#,
+            "add_mesh",
+            "triangles",
+        ),
+        (
+            r#"{"op":"add_mesh","mesh":"m","positions":[[0,1e39,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"material":"white"}"#,
+            "add_mesh",
+            "positions",
+        ),
+        (
+            r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"normals":[[0,1,0]],"material":"white"}"#,
+            "add_mesh",
+            "normals",
+        ),
+        (
+            r#"{"op":"add_mesh","mesh":"m","positions":[[0,0,0],[1,0,0],[0,0,1]],"triangles":[[0,1,2]],"material":"gold"}"#,
+            "add_mesh",
+            "material",
+        ),
         (r#"{"op":"add_node","node":"lamp"}"#, "add_node", "node"),
         (r#"{"op":"add_node","node":"n","mesh":"nothing"}"#, "add_node", "mesh"),
         (r#"{"op":"add_node","node":"n","parent":"nobody"}"#, "add_node", "parent"),
         (r#"{"op":"remove_node","node":"nobody"}"#, "remove_node", "node"),
         (r#"{"op":"add_light","light":"l","kind":"point","intensity":[-1,0,0]}"#, "add_light", "intensity"),
-        (r#"{"op":"add_light","light":"l","kind":"spot","intensity":[1,1,1],"outer_angle_rad":4}"#, "add_light", "outer_angle_rad"),
+        (
+            r#"{"op":"add_light","light":"l","kind":"spot","intensity":[1,1,1],"outer_angle_rad":4}"#,
+            "add_light",
+            "outer_angle_rad",
+        ),
         (r#"{"op":"set_light","light":"nobody"}"#, "set_light", "light"),
         (r#"{"op":"remove_light","light":"nobody"}"#, "remove_light", "light"),
         (r#"{"op":"set_camera","camera":"c","yfov_rad":4}"#, "set_camera", "yfov_rad"),
-        (r#"{"op":"set_camera","camera":"c","look_at":{"position":[0,0,0],"target":[0,0,0]}}"#, "set_camera", "look_at.target"),
-        (r#"{"op":"set_camera","camera":"c","look_at":{"position":[0,0,0],"target":[0,1,0]}}"#, "set_camera", "look_at.up"),
+        (
+            r#"{"op":"set_camera","camera":"c","look_at":{"position":[0,0,0],"target":[0,0,0]}}"#,
+            "set_camera",
+            "look_at.target",
+        ),
+        (
+            r#"{"op":"set_camera","camera":"c","look_at":{"position":[0,0,0],"target":[0,1,0]}}"#,
+            "set_camera",
+            "look_at.up",
+        ),
         (r#"{"op":"remove_camera","camera":"nobody"}"#, "remove_camera", "camera"),
-        (r#"{"op":"set_environment","kind":"image","image":{"width":2,"height":2,"texels":"AAAA"}}"#, "set_environment", "image.texels"),
+        (
+            r#"{"op":"set_environment","kind":"image","image":{"width":2,"height":2,"texels":"AAAA"}}"#,
+            "set_environment",
+            "image.texels",
+        ),
         (r#"{"op":"load_gltf","data":"AAAA"}"#, "load_gltf", "data"),
         (r#"{"op":"explode"}"#, "explode", "op"),
     ];
@@ -163,7 +215,10 @@ async fn if_match_refuses_when_the_scene_has_moved_on() {
     };
     assert_eq!(send("\"1\"").await.revision(), 2);
     let problem = send("\"1\"").await.problem(412);
-    assert_eq!((problem["revision"].as_u64(), &problem["type"]), (Some(2), &json!("urn:lumicast:problem:revision-moved")));
+    assert_eq!(
+        (problem["revision"].as_u64(), &problem["type"]),
+        (Some(2), &json!("urn:lumicast:problem:revision-moved"))
+    );
     assert_eq!(send("*").await.revision(), 3);
     assert_eq!(send("3").await.revision(), 4);
     send("\"latest\"").await.problem(400);

@@ -9,11 +9,11 @@ use lumicast::config::Config;
 use lumicast::http::{Service, serve};
 use lumicast::scenes::{Origin, Scenes, Workshop};
 use lumicast::shutdown::{Stopper, stop_signal};
-use lumicast_protocol::{ClientMessage, FrameHeader, SceneId, ServerMessage};
+use lumicast_protocol::{FrameHeader, SceneId, ServerMessage};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_tungstenite::MaybeTlsStream;
@@ -55,10 +55,10 @@ impl Server {
         let workshop = Arc::new(Workshop::open(config).unwrap());
         let scenes = Arc::new(Scenes::new(workshop));
         let (stopper, stopping) = stop_signal();
-        let ready = Arc::new(AtomicBool::new(true));
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let service = Service { scenes: scenes.clone(), stopping, ready };
+        let service = Service::new(scenes.clone(), stopping);
+        service.ready.store(true, SeqCst);
         let task = tokio::spawn(serve(listener, service));
         Server { address, scenes, stopper, task }
     }
@@ -198,10 +198,6 @@ impl Viewer {
         self.socket.send(Message::text(message.to_string())).await.unwrap();
     }
 
-    pub(crate) async fn say_typed(&mut self, message: &ClientMessage) {
-        self.socket.send(Message::text(message.to_json())).await.unwrap();
-    }
-
     /// Asks for a camera of the scene; returns the stamp.
     pub(crate) async fn camera(&mut self, name: &str, size: [u16; 2]) -> u64 {
         self.stamp += 1;
@@ -257,7 +253,10 @@ impl Viewer {
     }
 
     /// The first picture that fits, acknowledged; so are those before it.
-    pub(crate) async fn frame_where(&mut self, fits: impl Fn(&FrameHeader) -> bool) -> (FrameHeader, Vec<u8>) {
+    pub(crate) async fn frame_where(
+        &mut self,
+        fits: impl Fn(&FrameHeader) -> bool,
+    ) -> (FrameHeader, Vec<u8>) {
         let deadline = Instant::now() + PATIENCE;
         loop {
             let (header, payload) = self.frame().await;

@@ -11,7 +11,9 @@ use tokio::net::TcpStream;
 #[tokio::test]
 async fn unknown_routes_methods_and_scenes_are_problems() {
     let server = Server::start(|_| {}).await;
-    for path in ["/nothing", "/v1", "/v1/scenes/", "/v1/scenes/none", "/v1/scenes/none/frame", "/v1/scenes/%00"] {
+    for path in
+        ["/nothing", "/v1", "/v1/scenes/", "/v1/scenes/none", "/v1/scenes/none/frame", "/v1/scenes/%00"]
+    {
         server.get(path).await.problem(404);
     }
     server.get("/v1/scenes/%ff").await.problem(400);
@@ -118,9 +120,22 @@ async fn a_picture_can_be_asked_for() {
     }
     let timed = server.get(&format!("{BOX}/frame?camera=corner&time=50ms&size=32x32")).await;
     assert_eq!(timed.status, 200);
-    for bad in ["camera=nobody", "size=0x5", "size=99999x1", "size=big", "format=bmp", "error=0", "error=nan",
-        "time=-1", "time=1e9", "error=0.1&time=1", "tone_map=vivid", "exposure_ev=99", "exposure_ev=x", "speed=9"]
-    {
+    for bad in [
+        "camera=nobody",
+        "size=0x5",
+        "size=99999x1",
+        "size=big",
+        "format=bmp",
+        "error=0",
+        "error=nan",
+        "time=-1",
+        "time=1e9",
+        "error=0.1&time=1",
+        "tone_map=vivid",
+        "exposure_ev=99",
+        "exposure_ev=x",
+        "speed=9",
+    ] {
         let reply = server.get(&format!("{BOX}/frame?{bad}")).await;
         assert!([400, 404, 422].contains(&reply.status.as_u16()), "{bad}: {}", reply.status);
         reply.problem(reply.status.as_u16());
@@ -164,7 +179,8 @@ async fn events_follow_the_edits() {
     let (mut sender, connection) = hyper::client::conn::http1::handshake(TokioIo::new(stream)).await.unwrap();
     tokio::spawn(connection);
     let request = hyper::Request::get(format!("{BOX}/events")).header("host", "x");
-    let response = sender.send_request(request.body(http_body_util::Empty::<Bytes>::new()).unwrap()).await.unwrap();
+    let response =
+        sender.send_request(request.body(http_body_util::Empty::<Bytes>::new()).unwrap()).await.unwrap();
     assert_eq!(response.headers()["content-type"], "text/event-stream");
     server.get(&format!("{BOX}/events")).await.problem(429);
     let mut body = response.into_body();

@@ -1,10 +1,13 @@
 //! The server as its users meet it: real sockets, port 0, no sleeps; every wait has a deadline.
 
+#![allow(clippy::unwrap_used, reason = "a test that meets what it does not expect has failed")]
+
 mod durable;
 mod edits;
 mod harness;
 mod hostile;
 mod http;
+mod latency;
 mod openapi;
 mod schema;
 mod stream;

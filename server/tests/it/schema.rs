@@ -10,7 +10,8 @@ pub(crate) fn misfit(document: &Value, schema: &Value, value: &Value) -> Option<
         return misfit(document, target, value);
     }
     if let Some(choices) = schema["oneOf"].as_array() {
-        let reasons: Vec<String> = choices.iter().filter_map(|choice| misfit(document, choice, value)).collect();
+        let reasons: Vec<String> =
+            choices.iter().filter_map(|choice| misfit(document, choice, value)).collect();
         return (reasons.len() == choices.len()).then(|| reasons.join(" | "));
     }
     if let Some(allowed) = schema["enum"].as_array()
@@ -46,7 +47,8 @@ fn number_misfit(schema: &Value, value: &Value) -> Option<String> {
 fn array_misfit(document: &Value, schema: &Value, value: &Value) -> Option<String> {
     let items = value.as_array()?;
     let length = items.len() as u64;
-    if schema["minItems"].as_u64().is_some_and(|n| length < n) || schema["maxItems"].as_u64().is_some_and(|n| length > n)
+    if schema["minItems"].as_u64().is_some_and(|n| length < n)
+        || schema["maxItems"].as_u64().is_some_and(|n| length > n)
     {
         return Some(format!("{length} items"));
     }

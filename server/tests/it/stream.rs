@@ -170,7 +170,9 @@ async fn edits_over_the_socket_are_edits() {
     assert_eq!(viewer.answer(4).await.unwrap_err().field.as_deref(), Some("op"));
     for request in 5..=6 {
         let key = "the same";
-        viewer.say(json!({"type": "edit", "request": request, "idempotency_key": key, "edits": harmless(0.2)})).await;
+        viewer
+            .say(json!({"type": "edit", "request": request, "idempotency_key": key, "edits": harmless(0.2)}))
+            .await;
         assert_eq!(viewer.answer(request).await, Ok(3));
     }
     // Sent at once, answered in order.
@@ -271,8 +273,12 @@ async fn a_client_that_reads_nothing_stops_nobody() {
         lively.frame_where(|header| header.revision == revision).await;
     }
     drop(deaf);
-    in_time(async { while server.scenes.get("cornell-box").unwrap().viewer_count() > 1 { tokio::task::yield_now().await } })
-        .await;
+    in_time(async {
+        while server.scenes.get("cornell-box").unwrap().viewer_count() > 1 {
+            tokio::task::yield_now().await
+        }
+    })
+    .await;
     server.stop().await;
 }
 
@@ -334,7 +340,11 @@ async fn a_refused_message_changes_nothing() {
     let zero = json!([0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]);
     for (message, status, field) in [
         (json!({"type": "camera", "stamp": 1, "size": SMALL, "camera": "nobody"}), 404, "camera"),
-        (json!({"type": "camera", "stamp": 1, "size": SMALL, "pose": {"matrix": zero, "yfov_rad": 1}}), 422, "pose.matrix"),
+        (
+            json!({"type": "camera", "stamp": 1, "size": SMALL, "pose": {"matrix": zero, "yfov_rad": 1}}),
+            422,
+            "pose.matrix",
+        ),
         (json!({"type": "camera", "stamp": 1, "size": [0, 1], "camera": "main"}), 422, "size"),
         (json!({"type": "ack", "frame": 9}), 422, "frame"),
         (json!({"type": "accuracy", "technique": "octree"}), 422, "technique"),
@@ -349,7 +359,11 @@ async fn a_refused_message_changes_nothing() {
                 _ => None,
             })
             .await;
-        assert_eq!((problem.status, problem.field.unwrap_or_default()), (status, field.to_string()), "{message}");
+        assert_eq!(
+            (problem.status, problem.field.unwrap_or_default()),
+            (status, field.to_string()),
+            "{message}"
+        );
     }
     viewer.socket.send(Message::text("not JSON")).await.unwrap();
     viewer.socket.send(Message::binary(vec![1, 2, 3])).await.unwrap();

@@ -76,7 +76,9 @@ fn direction_lines(ui: &mut Ui, direction: &mut [f64; 3]) {
 /// Heading and elevation in degrees.
 fn aim_of([x, y, z]: [f64; 3]) -> [f64; 2] {
     let length = (x * x + y * y + z * z).sqrt().max(f64::MIN_POSITIVE);
-    [(-x).atan2(-z).to_degrees(), (y / length).clamp(-1.0, 1.0).asin().to_degrees()]
+    let degrees = [(-x).atan2(-z), (y / length).clamp(-1.0, 1.0).asin()].map(f64::to_degrees);
+    // Rounding leaves a hair below zero where zero is meant, which reads as −0.
+    degrees.map(|angle| if angle.abs() < 1e-9 { 0.0 } else { angle })
 }
 
 fn direction_of([heading, elevation]: [f64; 2]) -> [f64; 3] {

@@ -7,9 +7,7 @@ use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
     math::{Rgb, sobol::PixelSampler},
-    transport::{
-        Absorption, Bsdf, BsdfSample, PathClass, Scatter, ShadowRay, Surface, World, bsdf::LobeValue,
-    },
+    transport::{Absorption, Bsdf, PathClass, Scatter, ShadowRay, Surface, World, bsdf::LobeValue},
 };
 
 /// Scatterings before Russian roulette may end a path: the first ones carry most of the picture.
@@ -36,7 +34,7 @@ struct Path<'a> {
     throughput: Rgb,
     class: PathClass,
     bounce: u32,
-    /// Product of squared relative indices of the boundaries passed; see [`BsdfSample::eta_squared`].
+    /// Product of squared relative indices of the boundaries passed; see [`crate::transport::BsdfSample::eta_squared`].
     eta_squared: f32,
     /// The last surface scattered with a density there: what light sampling there competes with.
     last: Option<LastVertex>,
@@ -179,9 +177,6 @@ impl Tracer<'_> {
             return;
         };
         let wo = -path.ray.direction;
-        if !same_side(surface, wo, light.wi) {
-            return;
-        }
         let value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
         if value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black() {
             return;
@@ -218,7 +213,7 @@ impl Tracer<'_> {
         let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
-        if !self.wants(class) || !self.goes_on(surface, wo, wi, &drawn) {
+        if !self.wants(class) {
             return false;
         }
         path.throughput *= drawn.weight;
@@ -236,18 +231,6 @@ impl Tracer<'_> {
         path.ray = Ray::new(surface.point.origin_towards(wi), wi);
         path.survives_roulette(survival)
     }
-
-    /// A lobe that reflects must not send light through the true surface, nor one that transmits back from it.
-    fn goes_on(&self, surface: &Surface, wo: Vec3, wi: Vec3, drawn: &BsdfSample) -> bool {
-        // Glass is left alone: interpolated normals bend both of its lobes, and losing either loses energy.
-        matches!(surface.bsdf, Bsdf::Glass(_)) && drawn.pdf_solid_angle.is_none()
-            || same_side(surface, wo, wi)
-    }
-}
-
-/// True when both directions are on one side of the true surface.
-fn same_side(surface: &Surface, wo: Vec3, wi: Vec3) -> bool {
-    wo.dot(surface.point.n_geo) * wi.dot(surface.point.n_geo) > 0.0
 }
 
 impl Path<'_> {

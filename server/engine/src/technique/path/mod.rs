@@ -3,6 +3,9 @@
 //! Unbiased for every class it is asked for [Kajiya1986; Veach1997, 10]. Each lobe of a surface is sampled on its own,
 //! and light samples are weighed lobe by lobe with the power heuristic (β = 2), so every contribution
 //! knows its exact [`PathClass`]. Numbers come from Owen-scrambled Sobol points by (seed, pass, pixel, dimension).
+//! The interpolated normal alone says which side a direction is on, as in the references: asking the true normal as well
+//! drops light wherever the two disagree (2 % of a Sponza gallery, a third of single bumps of a rough floor), at the
+//! price that a thin sheet with badly bent normals may let light through.
 //! Paths end by Russian roulette once their throughput is small; nothing is clamped.
 //!
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
