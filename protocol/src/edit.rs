@@ -179,7 +179,8 @@ pub struct AddNode {
     pub transform: Transform,
 }
 
-/// Edit `remove_node`: with every node, light and camera below it. Meshes and materials stay.
+/// Edit `remove_node`: with every node, light and camera below it. A mesh goes with its last node, a
+/// material with its last mesh, a texture with its last material; what was never used stays until it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RemoveNode {

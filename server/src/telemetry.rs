@@ -4,6 +4,7 @@
 //! several servers run in one test process. Written out by hand: a dozen lines of text format need no library.
 
 use std::fmt::Write;
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use tracing_subscriber::EnvFilter;
@@ -14,7 +15,10 @@ use tracing_subscriber::EnvFilter;
 /// - `format`: `text` or `json`
 pub fn init_logging(filter: &str, format: &str) -> Result<(), String> {
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("setting \"log\": {error}"))?;
-    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal());
     // An error here means that logging was set up already, by a test or a program around us.
     let _ = match format {
         "json" => builder.json().try_init(),

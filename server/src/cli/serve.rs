@@ -82,6 +82,16 @@ impl ServeArgs {
     }
 
     async fn serve(self, config: Config) -> Result<(), Box<dyn Error>> {
+        // A mistyped command looks like a file: say so before anything else. (A data folder may hold a scene whose file is
+        // gone by now.)
+        let must_exist = self.scenes.iter().filter(|_| config.data.is_empty());
+        if let Some(missing) = must_exist.into_iter().find(|file| !file.exists()) {
+            return Err(format!(
+                "{}: there is no such file, and no such command (see --help)",
+                missing.display()
+            )
+            .into());
+        }
         // First the port: who starts a second server by mistake learns it before a minute of loading.
         let listener = TcpListener::bind(&config.listen)
             .await

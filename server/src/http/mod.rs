@@ -112,7 +112,18 @@ async fn around(State(service): State<Service>, request: Request, next: Next) ->
     let metrics = &service.scenes.workshop().metrics;
     metrics.http_requests.one();
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
-    let mut response = next.run(request).await;
+    let changes = !matches!(method, Method::GET | Method::HEAD | Method::OPTIONS);
+    let allowed = &service.scenes.workshop().config.allow_origins;
+    let mut response = if changes && !origin::is_allowed(request.headers(), allowed) {
+        // A page may send a plain POST anywhere without asking first: it must not edit scenes on its visitor's machine.
+        HttpProblem::new(
+            ProblemKind::Malformed,
+            "pages of this origin may not use this server; setting \"allow_origins\" names those that may",
+        )
+        .into_response()
+    } else {
+        next.run(request).await
+    };
     let status = response.status();
     // What the framework refuses before a handler sees it (a path that is no UTF-8, a query it cannot read).
     let is_refusal = status.is_client_error() || status.is_server_error();

@@ -70,10 +70,16 @@ impl Desk {
             return Err(Problem::new(ProblemKind::RevisionMoved, detail).at_revision(before.revision));
         }
         let revision = before.revision + 1;
-        let batch = self.batch(revision, edits, idempotency_key.clone(), digest)?;
         let limits = self.scene.workshop.edit_limits();
-        let applied = convert::apply(before.world.scene(), &batch.record().edits, &limits)
-            .map_err(|problem| problem.at_revision(before.revision))?;
+        let refusal = |problem: Problem| problem.at_revision(before.revision);
+        if self.store.is_some() {
+            // JSON has no infinity: a number too large for f32 would be kept as null and come back as "leave it". So what
+            // is to be kept is judged as it was sent.
+            convert::apply(before.world.scene(), &edits, &limits).map_err(refusal)?;
+        }
+        let batch = self.batch(revision, edits, idempotency_key.clone(), digest)?;
+        let applied =
+            convert::apply(before.world.scene(), &batch.record().edits, &limits).map_err(refusal)?;
         let light_revision =
             if applied.change.leaves_light_alone() { before.light_revision } else { revision };
         // Passes that draw the old scene give way: nobody will see them.

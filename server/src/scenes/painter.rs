@@ -309,7 +309,7 @@ impl Painter {
         let cut = match (moving, active) {
             // The slice of those who wait while another one moves: news may not take it away.
             (true, _) => Cut { interruptible: false, after: Some(self.quick_pass(active)) },
-            (false, 1) => Cut { interruptible: true, after: None },
+            // A slice even for one alone: other scenes share the drawing pool, and a step goes on where it stopped.
             (false, _) => Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) },
         };
         self.turn = (self.turn + 1) % waiting;
@@ -418,6 +418,8 @@ impl Painter {
     /// One more pass of the present film, or of the next rung's.
     fn refine(&mut self, viewer: &Viewer, film: &mut ViewerFilm, wish: &Wish, snapshot: &Snapshot, cut: Cut) {
         let Some(mut layer) = film.layer.take() else { return };
+        // Others may have taken memory since the first pass.
+        film.divisor_min = film.divisor_min.max(self.finest_divisor(film.key.full)).min(layer.divisor);
         if layer.divisor > film.divisor_min {
             let divisor = film.climb.take().map_or_else(
                 || {

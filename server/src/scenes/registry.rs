@@ -34,7 +34,7 @@ pub enum CreateError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// The id is taken.
-    #[error("there is a scene {0:?} already")]
+    #[error("there is a scene \"{0}\" already")]
     Taken(SceneId),
     /// Too many scenes.
     #[error("there are {0} scenes, the most this server takes")]

@@ -31,6 +31,11 @@ impl Log {
         Ok(Log { path: path.into(), file, bytes: MAGIC.len() as u64, poisoned: false })
     }
 
+    /// Refuses every further batch.
+    pub fn poison(&mut self) {
+        self.poisoned = true;
+    }
+
     /// Reads a log and opens it for appending; the text says what was cut off, if anything was.
     pub fn open(path: &Path) -> Result<(Log, Vec<Record>, Option<String>), StoreError> {
         let mut file = File::options().read(true).write(true).open(path).map_err(failed("open", path))?;

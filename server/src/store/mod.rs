@@ -43,6 +43,12 @@ pub enum StoreError {
         /// Where and why.
         reason: String,
     },
+    /// A scene of that name is kept already.
+    #[error("{path} holds a scene already: it is restored at the start, and DELETE removes it")]
+    Exists {
+        /// The folder.
+        path: String,
+    },
     /// An earlier write failed half-way and could not be undone.
     #[error("{path} could not be repaired after a failed write; the scene takes no edits until a restart")]
     Poisoned {
@@ -180,6 +186,10 @@ impl Store {
     /// Writes a new scene at revision 1.
     pub fn create(&self, id: &SceneId, name: &str, base: &Base) -> Result<SceneStore, StoreError> {
         let dir = self.root.join(id.as_str());
+        if dir.join(META).exists() {
+            return Err(StoreError::Exists { path: dir.display().to_string() });
+        }
+        // What a creation that was cut off left behind.
         if dir.exists() {
             fs::remove_dir_all(&dir).map_err(failed("clear", &dir))?;
         }
@@ -289,7 +299,7 @@ fn write_generation(
         }
     };
     let log_name = format!("edits-{base_revision}.log");
-    let log = Log::create(&dir.join(&log_name))?;
+    let mut log = Log::create(&dir.join(&log_name))?;
     let meta =
         Meta { format: FORMAT, id: id.clone(), name: name.into(), base, base_revision, log: log_name, keys };
     let json = serde_json::to_vec_pretty(&meta).map_err(io::Error::other);
@@ -297,7 +307,11 @@ fn write_generation(
     write_synced(&temporary, &json.map_err(failed("write", &temporary))?)?;
     sync_dir(dir)?;
     fs::rename(&temporary, dir.join(META)).map_err(failed("put in place", &dir.join(META)))?;
-    sync_dir(dir)?;
+    if let Err(error) = sync_dir(dir) {
+        // The new generation is in place, but perhaps not for good: no edit may be acknowledged on either.
+        tracing::error!(%error, "the scene takes no edits until a restart");
+        log.poison();
+    }
     Ok((log, meta))
 }
 

@@ -110,3 +110,15 @@ fn a_removed_scene_is_gone_and_a_half_made_one_is_ignored() {
     store.remove(&id("box")).unwrap();
     assert!(store.scenes().unwrap().is_empty());
 }
+
+/// A scene that is kept is never made anew over itself: its edits would be gone.
+#[test]
+fn creating_over_a_kept_scene_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open(dir.path()).unwrap();
+    let id = SceneId::new("demo").unwrap();
+    let base = Base::Builtin("cornell-box".into());
+    drop(store.create(&id, "Demo", &base).unwrap());
+    assert!(matches!(store.create(&id, "Demo", &base), Err(StoreError::Exists { .. })));
+    assert!(store.load(&id).is_ok());
+}

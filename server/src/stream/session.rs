@@ -288,7 +288,7 @@ impl Session {
                     }
                     Some(Answer::Close((code, reason))) => {
                         let frame = CloseFrame { code, reason: Utf8Bytes::from_static(reason) };
-                        let _ = sink.send(Message::Close(Some(frame))).await;
+                        let _ = send_within(&mut sink, Message::Close(Some(frame))).await;
                         return;
                     }
                     None => {
@@ -302,7 +302,7 @@ impl Session {
                     let stats = self.viewer.stats();
                     if last_ping.elapsed() >= ping_period {
                         last_ping = Instant::now();
-                        sink.send(Message::Ping(Vec::new().into())).await
+                        send_within(&mut sink, Message::Ping(Vec::new().into())).await
                     } else if let Some(fresh) = stats.filter(|fresh| Some(fresh) != last_stats.as_ref()) {
                         let sent = send(&mut sink, &ServerMessage::Stats(fresh.clone())).await;
                         last_stats = Some(fresh);
@@ -326,7 +326,7 @@ impl Session {
             ServerMessage::Scene { scene }.to_json()
         });
         match described.await {
-            Ok(json) => sink.send(Message::Text(json.into())).await,
+            Ok(json) => send_within(sink, Message::Text(json.into())).await,
             Err(error) => {
                 tracing::error!(%error, "a scene could not be told");
                 Ok(())
@@ -345,14 +345,25 @@ impl Session {
             if let Some(latency) = outgoing.first_from_camera {
                 metrics.frame_latency.record(latency);
             }
-            sink.send(Message::Binary(outgoing.message.into())).await?;
+            send_within(sink, Message::Binary(outgoing.message.into())).await?;
         }
         Ok(())
     }
 }
 
 async fn send(sink: &mut SplitSink<WebSocket, Message>, message: &ServerMessage) -> Result<(), axum::Error> {
-    sink.send(Message::Text(message.to_json().into())).await
+    send_within(sink, Message::Text(message.to_json().into())).await
+}
+
+/// How long a message may wait for a client that does not read. The session then ends: while its writer waits, nobody
+/// would see that it idles, that its scene is gone, or that the server stops.
+const SEND_SECONDS_MAX: u64 = 60;
+
+async fn send_within(sink: &mut SplitSink<WebSocket, Message>, message: Message) -> Result<(), axum::Error> {
+    match tokio::time::timeout(Duration::from_secs(SEND_SECONDS_MAX), sink.send(message)).await {
+        Ok(sent) => sent,
+        Err(elapsed) => Err(axum::Error::new(elapsed)),
+    }
 }
 
 fn malformed(detail: &str) -> Problem {

@@ -250,3 +250,24 @@ fn log_bytes(folder: &Path) -> u64 {
         .map(|entry| entry.metadata().unwrap().len())
         .sum()
 }
+
+/// Numbers too large for single precision are refused with op and field where edits are kept, too: the log's JSON has no
+/// infinity, and what comes back from it must not be what is judged.
+#[tokio::test]
+async fn infinite_numbers_are_refused_before_they_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let server = Server::start(|config| config.data = dir.path().display().to_string()).await;
+    for (field, value) in [
+        ("roughness", "1e39"),
+        ("emission", "[1e39,0,0]"),
+        ("alpha_cutoff", "1e39"),
+        ("base_color", "[1,1e39,1]"),
+    ] {
+        let edit = format!(r#"[{{"op":"set_material","material":"white","{field}":{value}}}]"#);
+        let reply = server.post(&format!("{BOX}/edits"), edit).await;
+        let problem = reply.problem(422);
+        assert_eq!((problem["op"].as_str(), problem["field"].as_str()), (Some("set_material"), Some(field)));
+    }
+    assert_eq!(server.get(BOX).await.json()["revision"], 1);
+    server.stop().await;
+}

@@ -236,3 +236,17 @@ fn any_name_becomes_an_id() {
         assert!(SceneId::new(id(name)).is_ok());
     }
 }
+
+/// A page of another origin cannot edit: a plain POST needs no leave from the browser, so the server refuses it.
+#[tokio::test]
+async fn pages_of_other_origins_change_nothing() {
+    let server = Server::start(|_| {}).await;
+    let body = r#"[{"op":"set_environment","kind":"constant","radiance":[1,1,1]}]"#;
+    let edits = format!("{BOX}/edits");
+    for (method, path) in [("POST", edits.as_str()), ("POST", "/v1/scenes"), ("DELETE", BOX)] {
+        let reply = server.request(method, path, &[("origin", "http://evil.example")], body).await;
+        reply.problem(400);
+    }
+    assert_eq!(server.get(BOX).await.json()["revision"], 1);
+    server.stop().await;
+}

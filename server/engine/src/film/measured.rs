@@ -37,7 +37,11 @@ impl MeasuredError {
     }
 }
 
-/// `None` when a tile has fewer than two passes or all is black.
+/// Passes after which a picture that is black all over counts as truly black, error 0: before, light may just not have
+/// been found yet.
+const BLACK_PASSES: u32 = 64;
+
+/// `None` when a tile has fewer than two passes, or all is black and it has fewer than [`BLACK_PASSES`].
 pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
     if film.passes_min() < 2 {
         return None;
@@ -46,7 +50,8 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
     let squared = film.image([0.0; 3], Pixel::squared_error_of_mean);
     let mean = shown.iter().flatten().sum::<f64>() / (3 * shown.len()) as f64;
     if mean <= 0.0 {
-        return None;
+        let none = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: 0.0 };
+        return (film.passes_min() >= BLACK_PASSES).then_some(none);
     }
     let floor = 0.01 * mean * mean;
     let around = neighbourhood_mean(&shown, film.size().width() as usize);

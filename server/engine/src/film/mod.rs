@@ -180,7 +180,7 @@ impl Film {
     }
 
     /// The error of the picture shown now, measured from its two independent halves; `None` below two
-    /// passes anywhere and for a picture that is black all over. Takes some 0.1 µs a pixel:
+    /// passes anywhere and below 64 of a picture that is black all over. Takes some 0.1 µs a pixel:
     /// ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
         measured::measure(self)

@@ -258,7 +258,7 @@ fn measured_error_agrees_with_the_error_against_the_truth() {
     assert!((measured.error().powi(2) - measured.rel_mse).abs() < 1e-12);
 }
 
-/// Nothing can be said of fewer than two passes or of a black picture.
+/// Nothing can be said of fewer than two passes, or of a black picture before its 64th; then it is black.
 #[test]
 fn no_error_is_measured_without_two_passes_or_light() {
     let mut film = film(20, 20);
@@ -271,6 +271,8 @@ fn no_error_is_measured_without_two_passes_or_light() {
     let mut black = self::film(20, 20);
     (0..2).for_each(|_| pass(&mut black, |_, _, _| PixelSample::BLACK));
     assert_eq!(black.measured_error(), None);
+    (2..64).for_each(|_| pass(&mut black, |_, _, _| PixelSample::BLACK));
+    assert_eq!(black.measured_error().map(|error| error.rel_mse), Some(0.0));
 }
 
 /// The variance layer is on average the variance of the mean luminance.

@@ -623,9 +623,7 @@ fn check_light(id: &Id, light: &Light, coordinate_max_m: f64) -> Result<(), Scen
 fn check_material(id: &Id, material: &Material) -> Result<(), SceneError> {
     let share = |field, value: f32| match (0.0..=1.0).contains(&value) {
         true => Ok(()),
-        false => {
-            Err(bad("material", id, field, value.to_string(), "between 0 and 1 (more would create energy)"))
-        }
+        false => Err(bad("material", id, field, value.to_string(), "between 0 and 1")),
     };
     let shares = |field, value: Rgb| value.to_array().into_iter().try_for_each(|value| share(field, value));
     let at_least = |field, value: f32, least: f32, expected| match value >= least && value.is_finite() {

@@ -66,7 +66,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "EV", default_value_t = 0.0, allow_negative_numbers = true, value_parser = parse_exposure)]
     pub exposure: f32,
     /// Tone map of PNG and JPEG: linear, reinhard, aces, agx
-    #[arg(long, value_name = "NAME", default_value = "agx")]
+    #[arg(long, value_name = "NAME", default_value = "aces")]
     pub tone_map: ToneMap,
     /// Write 0001.exr, 0002.exr … at 0.1, 0.2, 0.5, 1, 2, 5 … seconds and at the end, and index.json
     #[arg(long, value_name = "DIR")]

@@ -13,8 +13,6 @@ pub(super) enum StopReason {
     Time,
     /// `--error`.
     Error,
-    /// The picture is black, so its relative error has no meaning and never will.
-    Black,
 }
 
 impl StopReason {
@@ -24,7 +22,6 @@ impl StopReason {
             StopReason::Samples => "samples",
             StopReason::Time => "time",
             StopReason::Error => "error",
-            StopReason::Black => "black",
         }
     }
 }
@@ -43,8 +40,6 @@ pub(super) struct StopRule {
 /// Before this many samples per pixel the measured error ends nothing: light that one path in ten finds is still
 /// missing from a fifth of the pixels (0.9¹⁶), and a pixel that has not found it believes to be done.
 const ERROR_SAMPLES_MIN: u32 = 16;
-/// A picture that is still black after this many samples per pixel will stay so.
-const BLACK_SAMPLES: u32 = 64;
 
 impl StopRule {
     /// The bounds asked for; 2 % error or 60 seconds when none is.
@@ -69,7 +64,6 @@ impl StopRule {
         }
         match film.measured_error() {
             Some(error) if error.error() <= target => Some(StopReason::Error),
-            None if passes >= BLACK_SAMPLES => Some(StopReason::Black),
             _ => None,
         }
     }
@@ -112,7 +106,7 @@ mod tests {
         // The halves see 0 and 2: 100 % apart at any count.
         assert_eq!(error.is_done(&film_of(64, |pass| (pass % 2 * 2) as f32)), None);
         assert_eq!(error.is_done(&film_of(62, |_| 0.0)), None);
-        assert_eq!(error.is_done(&film_of(64, |_| 0.0)), Some(StopReason::Black));
+        assert_eq!(error.is_done(&film_of(64, |_| 0.0)), Some(StopReason::Error));
     }
 
     /// Without a bound there is one.
