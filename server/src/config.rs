@@ -106,7 +106,8 @@ settings! {
     bodies_bytes: u64 = 1 << 30;
     /// Edits in one batch.
     edits_per_batch: u32 = Limits::default().edits_per_batch;
-    /// Messages a client may send in a second, acks and pings not counted; twice that in one second disconnects it.
+    /// Messages a client may send in a second, acks and pings not counted; the excess is refused, and who goes on
+    /// for ten seconds' worth of messages is disconnected.
     messages_per_second: u32 = Limits::default().messages_per_second;
     /// Frames sent to a viewer and not acknowledged: one on its way and one being shown.
     frames_in_flight: u32 = Limits::default().frames_in_flight;

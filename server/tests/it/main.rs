@@ -7,7 +7,6 @@ mod edits;
 mod harness;
 mod hostile;
 mod http;
-mod latency;
 mod openapi;
 mod schema;
 mod stream;
