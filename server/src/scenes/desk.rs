@@ -87,7 +87,7 @@ impl Desk {
             self.scene.cancel.store(true, SeqCst);
         }
         let scene = Arc::new(applied.scene);
-        let world = self.scene.workshop.building_pool.install(|| before.world.update(scene));
+        let world = self.scene.workshop.building_pool.install(|| before.world.update(scene, &applied.change));
         let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
         self.record_and_publish(snapshot, batch, idempotency_key.zip(digest))
     }

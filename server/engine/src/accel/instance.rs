@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
-use super::{Hit, Ray};
-use crate::scene::{Id, Mesh};
+use super::{Hit, Ray, bottom::BottomTree};
+use crate::scene::{self, Id, Mesh};
 
 /// γₙ = nε/(1 − nε): relative error of n roundings [Higham2002, 3.1].
 const fn gamma(n: f32) -> f32 {
@@ -20,12 +20,15 @@ pub struct Instance {
     node_id: Id,
     mesh_id: Id,
     mesh: Arc<Mesh>,
+    bottom: Arc<BottomTree>,
     render_from_mesh: Mat3,
     mesh_from_render: Mat3,
     /// The mesh's centre in render space.
     centre_in_render: Vec3,
     normal_from_mesh: Mat3,
-    bounds: Aabb,
+    bounds_in_world: scene::Aabb,
+    /// What rounding may move a ray by on its way into mesh space, in render space.
+    slack: f32,
     handedness: f32,
     /// The mesh is moved, but neither turned nor scaled: directions stay as they are.
     is_only_moved: bool,
@@ -48,7 +51,7 @@ impl Instance {
     pub(super) fn new(
         node_id: Id,
         mesh_id: Id,
-        mesh: Arc<Mesh>,
+        (mesh, bottom): (Arc<Mesh>, Arc<BottomTree>),
         world_from_mesh: DAffine3,
         origin_in_world: DVec3,
     ) -> Instance {
@@ -61,21 +64,26 @@ impl Instance {
         // The normal matrix is used for directions only: its size is normalised to stay within f32.
         let normal_from_mesh = normal_from_mesh
             * (1.0 / normal_from_mesh.to_cols_array().map(f64::abs).into_iter().fold(0.0, f64::max));
-        let bounds = mesh.bounds().transformed(&world_from_mesh);
-        // The box is of exact numbers, rays are not: 1e-6 of its reach covers their rounding and the cast.
-        let [min, max] = [bounds.min - origin_in_world, bounds.max - origin_in_world].map(DVec3::as_vec3a);
-        let slack = min.abs().max(max.abs()).max_element() * 1e-6;
+        let bounds_in_world = mesh.bounds().transformed(&world_from_mesh);
+        // Boxes are of exact numbers, rays are not: their way into mesh space rounds 8 times, and a transform that
+        // shears magnifies that by its condition.
+        let absolute = |m: DMat3| DMat3::from_cols_array(&m.to_cols_array().map(f64::abs));
+        let condition = (absolute(linear) * absolute(inverse) * DVec3::ONE).max_element();
+        let [min, max] = [bounds_in_world.min, bounds_in_world.max].map(|corner| corner - origin_in_world);
+        let slack = min.abs().max(max.abs()).max_element() * condition * f64::from(8.0 * f32::EPSILON);
         Instance {
             node_id,
             mesh_id,
             mesh,
+            bottom,
             render_from_mesh: linear.as_mat3(),
             mesh_from_render: inverse.as_mat3(),
             centre_in_render: centre.as_vec3(),
             normal_from_mesh: normal_from_mesh.as_mat3(),
-            bounds: Aabb { min: min - Vec3A::splat(slack), max: max + Vec3A::splat(slack) },
+            bounds_in_world,
+            slack: slack as f32,
             is_only_moved: linear == DMat3::IDENTITY,
-            absolute: Mat3::from_cols_array(&linear.as_mat3().to_cols_array().map(f32::abs)),
+            absolute: absolute(linear).as_mat3(),
             handedness: if linear.determinant() < 0.0 { -1.0 } else { 1.0 },
         }
     }
@@ -95,27 +103,45 @@ impl Instance {
         &self.mesh
     }
 
-    pub(super) fn bounds_in_render(&self) -> Aabb {
-        self.bounds
+    pub(super) fn bottom(&self) -> &BottomTree {
+        &self.bottom
+    }
+
+    pub(super) fn bounds_in_world(&self) -> &scene::Aabb {
+        &self.bounds_in_world
+    }
+
+    /// Box around a box of mesh space, with room for the rounding of rays.
+    pub(super) fn box_in_render(&self, local: &Aabb) -> Aabb {
+        let centre = (local.min + local.max) * 0.5;
+        let half = (local.max - local.min) * 0.5;
+        let centre = Vec3A::from(self.render_from_mesh * Vec3::from(centre) + self.centre_in_render);
+        let half = Vec3A::from(self.absolute * Vec3::from(half));
+        let rounding =
+            (centre.abs() + half + Vec3A::from(self.centre_in_render.abs())) * (8.0 * f32::EPSILON);
+        let half = half + rounding + Vec3A::splat(self.slack);
+        Aabb { min: centre - half, max: centre + half }
     }
 
     /// Directions of rays are the same in mesh space as in render space.
-    #[inline]
+    #[inline(always)]
     pub(super) fn is_only_moved(&self) -> bool {
         self.is_only_moved
     }
 
-    /// The ray's origin in mesh space, relative to the mesh's centre.
-    #[inline]
-    pub(super) fn origin_in_mesh(&self, ray: &Ray) -> Vec3 {
+    /// The ray in mesh space, relative to the mesh's centre; `t` keeps its meaning.
+    #[inline(always)]
+    pub(super) fn ray_in_mesh(&self, ray: &Ray) -> Ray {
         let from_centre = ray.origin - self.centre_in_render;
-        if self.is_only_moved { from_centre } else { self.mesh_from_render * from_centre }
-    }
-
-    /// The ray's direction in mesh space; `t` keeps its meaning.
-    #[inline]
-    pub(super) fn direction_in_mesh(&self, ray: &Ray) -> Vec3 {
-        self.mesh_from_render * ray.direction
+        if self.is_only_moved {
+            Ray { origin: from_centre, ..*ray }
+        } else {
+            Ray {
+                origin: self.mesh_from_render * from_centre,
+                direction: self.mesh_from_render * ray.direction,
+                t_max: ray.t_max,
+            }
+        }
     }
 
     /// −1 when the transform mirrors, 1 otherwise.

@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
-use super::*;
+use super::{leaf::Leaves, *};
 use crate::math::Rgb;
 use crate::scene::{
     Material,
@@ -60,27 +60,26 @@ fn closest_hits_equal_a_loop_over_all_triangles() {
         let placed = DAffine3::from_scale_rotation_translation(scale, turn, numbers.point(1.0));
         stage.place(&format!("soup {object}"), source, placed).unwrap();
     }
-    let accel = Accel::build(&stage.finish(), None);
+    let accel = Accel::build(&stage.finish());
     let mut hits = 0;
     for _ in 0..4000 {
         let ray = Ray::new(numbers.point(4.0).as_vec3(), numbers.direction());
         let mut expected: Option<Hit> = None;
-        for (index, instance) in accel.instances.iter().enumerate() {
-            let (origin, direction) = (instance.origin_in_mesh(&ray), instance.direction_in_mesh(&ray));
-            let shear = ShearRay::new(origin, direction);
+        for (index, instance) in accel.instances().iter().enumerate() {
+            let shear = Shear::new(&instance.ray_in_mesh(&ray));
             for triangle in 0..instance.mesh().triangles().len() as u32 {
-                TrianglePacket::new(instance.mesh(), &[triangle]).intersect(
-                    &shear,
-                    &mut f32::INFINITY.clone(),
-                    |h, _| {
-                        let hit =
-                            Hit { t: h.t, instance: index as u32, triangle: h.triangle, b1: h.b1, b2: h.b2 };
-                        if expected.as_ref().is_none_or(|best| hit.is_before(best)) {
-                            expected = Some(hit);
-                        }
-                        false
-                    },
-                );
+                let mut alone = Leaves::with_capacity(1);
+                let leaf = alone.push(instance.mesh(), &[triangle]);
+                alone.finish();
+                let simd = fearless_simd::Level::baseline();
+                let mut t_max = f32::INFINITY;
+                dispatch!(simd, simd => alone.packet(leaf).intersect(simd, &shear, &mut t_max, |h, _| {
+                    let hit = Hit { t: h.t, instance: index as u32, triangle: h.triangle, b1: h.b1, b2: h.b2 };
+                    if expected.as_ref().is_none_or(|best| hit.is_before(best)) {
+                        expected = Some(hit);
+                    }
+                    false
+                }));
             }
         }
         let found = accel.closest_hit(&ray, |_| true);
@@ -106,7 +105,7 @@ fn rays_that_leave_a_surface_do_not_meet_it_at_any_scale_or_place() {
         stage
             .place("cuboid", samples::cuboid(DVec3::NEG_ONE, DVec3::new(1.0, 2.0, 0.1), &grey), placed)
             .unwrap();
-        let accel = Accel::build(&stage.finish(), None);
+        let accel = Accel::build(&stage.finish());
         let instance = &accel.instances()[0];
         for _ in 0..20_000 {
             let (mut b1, mut b2) = (numbers.next() as f32, numbers.next() as f32);
@@ -143,7 +142,7 @@ fn no_ray_escapes_from_a_closed_mesh() {
     let (mut stage, grey) = stage_with_grey();
     stage.place("ball", samples::sphere(DVec3::ZERO, 1.0, 24, &grey), DAffine3::IDENTITY).unwrap();
     let scene = stage.finish();
-    let accel = Accel::build(&scene, None);
+    let accel = Accel::build(&scene);
     let vertices = scene.meshes()["ball"].positions();
     for i in 0..200_000 {
         let origin = numbers.point(0.4).as_vec3();
@@ -161,12 +160,12 @@ fn no_ray_escapes_from_a_closed_mesh() {
 #[test]
 fn unchanged_meshes_keep_their_trees() {
     let scene = samples::cornell_box().unwrap();
-    let first = Accel::build(&scene, None);
+    let first = Accel::build(&scene);
     let mut builder = crate::scene::SceneBuilder::from_scene(&scene, Default::default());
     builder.set_transform("tall block", DAffine3::from_translation(DVec3::new(0.3, 0.0, 0.0))).unwrap();
-    let (moved, _) = builder.finish();
-    let updated = Accel::build(&moved, Some(&first));
-    let fresh = Accel::build(&moved, None);
+    let (moved, change) = builder.finish();
+    let updated = first.updated(&moved, &change);
+    let fresh = Accel::build(&moved);
     assert_eq!(updated.report().trees_built, 0);
     let mut numbers = Numbers(5);
     for _ in 0..10_000 {
@@ -191,7 +190,7 @@ fn rays_start_on_their_side_of_sheared_surfaces() {
         let sheared = turn() * DMat3::from_diagonal(DVec3::new(1.0, squash, 1.0)) * turn();
         let body = samples::cuboid(DVec3::NEG_ONE, DVec3::new(1.0, 2.0, 0.1), &grey);
         stage.place("body", body, DAffine3::from_mat3_translation(sheared, DVec3::ZERO)).unwrap();
-        let accel = Accel::build(&stage.finish(), None);
+        let accel = Accel::build(&stage.finish());
         let instance = &accel.instances()[0];
         for _ in 0..2000 {
             let (mut b1, mut b2) = (numbers.next() as f32, numbers.next() as f32);
@@ -202,7 +201,7 @@ fn rays_start_on_their_side_of_sheared_surfaces() {
             let point = instance.surface_point(triangle, b1, b2);
             let direction = numbers.direction();
             let start =
-                instance.origin_in_mesh(&Ray::new(point.origin_towards(direction), direction)).as_dvec3();
+                instance.ray_in_mesh(&Ray::new(point.origin_towards(direction), direction)).origin.as_dvec3();
             let corners = instance.mesh().triangles()[triangle as usize];
             let [a, b, c] = corners.map(|vertex| instance.mesh().positions()[vertex as usize].as_dvec3());
             let above = (b - a).cross(c - a).dot(start - a);
@@ -224,7 +223,7 @@ fn coincident_surfaces_have_one_winner() {
     for name in ["a", "b", "c"] {
         stage.place(name, samples::sphere(DVec3::ZERO, 1.0, 24, &grey), placed).unwrap();
     }
-    let accel = Accel::build(&stage.finish(), None);
+    let accel = Accel::build(&stage.finish());
     let mut hits = 0;
     for _ in 0..20_000 {
         let ray = Ray::new(numbers.point(3.0).as_vec3(), numbers.direction());

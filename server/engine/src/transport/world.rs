@@ -12,7 +12,7 @@ use super::{
 use crate::{
     accel::{Accel, AccelReport, Hit, Ray, SurfacePoint},
     math::Rgb,
-    scene::{Id, Scene},
+    scene::{Id, Scene, SceneChange},
     transport::LightOrigin,
 };
 
@@ -55,13 +55,13 @@ pub struct WorldReport {
 impl World {
     /// Prepares a scene from nothing.
     pub fn prepare(scene: Arc<Scene>) -> World {
-        let accel = Accel::build(&scene, None);
+        let accel = Accel::build(&scene);
         World::with(scene, accel)
     }
 
-    /// Prepares the next state of a scene, taking over the trees of meshes that stayed.
-    pub fn update(&self, scene: Arc<Scene>) -> World {
-        let accel = Accel::build(&scene, Some(&self.accel));
+    /// Prepares the next state of a scene, taking over the trees of what `change` did not touch.
+    pub fn update(&self, scene: Arc<Scene>, change: &SceneChange) -> World {
+        let accel = self.accel.updated(&scene, change);
         World::with(scene, accel)
     }
 

@@ -1,0 +1,260 @@
+//! A tree of eight children a node: built by obvhs as a binary tree, collapsed, walked front to back.
+
+use std::time::Duration;
+
+use fearless_simd::Simd;
+use obvhs::{
+    Boundable, BvhBuildParams,
+    aabb::Aabb,
+    bvh2::{Bvh2, builder::build_bvh2},
+};
+
+use super::node::{LEAF, Slab, WIDTH, WideNode};
+
+/// A tree over leaves that its owner knows by number.
+#[derive(Clone, Debug)]
+pub(super) struct Tree {
+    nodes: Vec<WideNode>,
+    bounds: Aabb,
+    /// Entries that a walk may have waiting at once.
+    stack_need: usize,
+}
+
+/// A node or leaf on the way: the distance at which the ray enters it, whose bits order like the number as it is never
+/// negative, above the child. One number, so that sorting moves and compares one.
+pub(super) type Entry = u64;
+
+#[inline(always)]
+fn entry(t_near_bits: i32, child: u32) -> Entry {
+    u64::from(t_near_bits as u32) << 32 | u64::from(child)
+}
+
+struct Bounds(Aabb);
+
+impl Boundable for Bounds {
+    fn aabb(&self) -> Aabb {
+        self.0
+    }
+}
+
+/// How a tree is built.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct BuildSettings {
+    /// Most members of a leaf.
+    pub(super) leaf_max: u32,
+    /// What visiting a binary node costs, in tests of one member: the higher, the larger the leaves.
+    pub(super) traversal_cost: f32,
+}
+
+/// The binary tree over `bounds`.
+pub(super) fn build_binary(bounds: &[Aabb], settings: BuildSettings) -> Bvh2 {
+    let params = BvhBuildParams {
+        max_prims_per_leaf: settings.leaf_max,
+        collapse_traversal_cost: settings.traversal_cost,
+        ..BvhBuildParams::medium_build()
+    };
+    let items: Vec<Bounds> = bounds.iter().map(|bounds| Bounds(*bounds)).collect();
+    build_bvh2(&items, params, &mut Duration::default())
+}
+
+impl Tree {
+    /// Collapses a binary tree; `leaf_of(members)` names the leaf of some members, by index into the bounds.
+    pub(super) fn collapse(binary: &Bvh2, mut leaf_of: impl FnMut(&[u32]) -> u32) -> Tree {
+        let mut tree = Tree {
+            nodes: Vec::with_capacity(binary.nodes.len() / 6 + 1),
+            bounds: Aabb::INVALID,
+            stack_need: 1,
+        };
+        let Some(root) = binary.nodes.first() else { return tree };
+        tree.bounds = *root.aabb();
+        tree.collapse_under(binary, 0, &mut leaf_of);
+        tree.stack_need = tree.measure_stack_need();
+        tree
+    }
+
+    /// Makes one node of the binary node at `top` and, after it, of everything below: what is visited together lies
+    /// together. Of the children found so far the one with the largest area is opened until eight are there.
+    fn collapse_under(&mut self, binary: &Bvh2, top: usize, leaf_of: &mut impl FnMut(&[u32]) -> u32) {
+        let mut pending = vec![(top, None::<(usize, usize)>)];
+        while let Some((at, parent)) = pending.pop() {
+            let index = self.nodes.len();
+            self.nodes.push(WideNode::EMPTY);
+            if let Some((parent, slot)) = parent {
+                self.nodes[parent].set(slot, binary.nodes[at].aabb(), index as u32);
+            }
+            let mut children = [0usize; WIDTH];
+            let mut areas = [f32::NEG_INFINITY; WIDTH];
+            let mut count = 0;
+            let mut add = |children: &mut [usize; WIDTH], slot: usize, child: usize| {
+                children[slot] = child;
+                let node = &binary.nodes[child];
+                areas[slot] = if node.is_leaf() { f32::NEG_INFINITY } else { node.aabb().half_area() };
+                areas
+            };
+            let mut open = add(&mut children, 0, at);
+            count += 1;
+            while count < WIDTH {
+                let mut largest = 0;
+                for slot in 1..count {
+                    if open[slot] > open[largest] {
+                        largest = slot;
+                    }
+                }
+                if open[largest] == f32::NEG_INFINITY {
+                    break;
+                }
+                let first = binary.nodes[children[largest]].first_index as usize;
+                add(&mut children, largest, first);
+                open = add(&mut children, count, first + 1);
+                count += 1;
+            }
+            for slot in 0..count {
+                let source = &binary.nodes[children[slot]];
+                if source.is_leaf() {
+                    let first = source.first_index as usize;
+                    let members = &binary.primitive_indices[first..first + source.prim_count as usize];
+                    self.nodes[index].set(slot, source.aabb(), LEAF | leaf_of(members));
+                }
+            }
+            // Pushed last is made next: the largest child comes right behind its parent.
+            let mut inner: Vec<usize> =
+                (0..count).filter(|slot| !binary.nodes[children[*slot]].is_leaf()).collect();
+            inner.sort_by(|a, b| open[*a].total_cmp(&open[*b]));
+            pending.extend(inner.into_iter().map(|slot| (children[slot], Some((index, slot)))));
+        }
+    }
+
+    /// Children come after their parents, so one pass from the end sees every child before its parent.
+    fn measure_stack_need(&self) -> usize {
+        let mut need = vec![0usize; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate().rev() {
+            let deepest = node
+                .used()
+                .map(|slot| node.child(slot))
+                .filter(|child| child & LEAF == 0)
+                .map(|child| need[child as usize])
+                .max();
+            need[index] = node.used().count() + deepest.unwrap_or(0);
+        }
+        need.first().map_or(1, |need| need + WIDTH)
+    }
+
+    /// Bounds of everything in it.
+    pub(super) fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+
+    pub(super) fn nodes(&self) -> &[WideNode] {
+        &self.nodes
+    }
+
+    pub(super) fn node(&self, index: u32) -> &WideNode {
+        &self.nodes[index as usize]
+    }
+
+    /// For edits, which end with [`Tree::finish_edit`].
+    pub(super) fn node_mut(&mut self, index: u32) -> &mut WideNode {
+        &mut self.nodes[index as usize]
+    }
+
+    /// Adds a node behind its parent and returns its index.
+    pub(super) fn push(&mut self, node: WideNode) -> u32 {
+        self.nodes.push(node);
+        self.nodes.len() as u32 - 1
+    }
+
+    /// Brings bounds and stack into step with the nodes.
+    pub(super) fn finish_edit(&mut self) {
+        self.bounds = self.nodes.first().map_or(Aabb::INVALID, WideNode::union);
+        self.stack_need = self.measure_stack_need();
+    }
+
+    /// Entries that a walk may have waiting at once.
+    pub(super) fn stack_need(&self) -> usize {
+        self.stack_need
+    }
+
+    /// Nodes and leaves that a ray through the bounds visits in the mean [MacDonald1990]: the surface area heuristic with
+    /// cost 1 for a node and 1 for a leaf, as Embree counts its own trees.
+    pub(super) fn sah_cost(&self) -> f32 {
+        let root = self.bounds.half_area();
+        if root <= 0.0 {
+            return self.nodes.len() as f32;
+        }
+        let children: f32 =
+            self.nodes.iter().flat_map(|node| node.used().map(|slot| node.bounds(slot).half_area())).sum();
+        1.0 + children / root
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<WideNode>()
+    }
+
+    /// Walks the leaves below `start` that `slab` enters before `t_max` and calls `visit` with each leaf and the unused
+    /// part of the stack. `visit` may lower `t_max` and ends the walk by returning true. Nearer children come first where
+    /// `NEAREST_FIRST`; where any hit will do, sorting costs more than it saves.
+    #[inline(always)]
+    pub(super) fn walk<S: Simd, const NEAREST_FIRST: bool>(
+        &self,
+        simd: S,
+        start: u32,
+        slab: &Slab,
+        t_max: &mut f32,
+        stack: &mut [Entry],
+        mut visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
+    ) -> bool {
+        let mut child = start;
+        let mut height = 0;
+        loop {
+            if child & LEAF == 0 {
+                let Some(node) = self.nodes.get(child as usize) else { return false };
+                let (mut entered, t_near) = node.enter(simd, slab, *t_max);
+                if entered != 0 {
+                    let slot = entered.trailing_zeros() as usize;
+                    entered &= entered - 1;
+                    child = node.child(slot);
+                    if entered == 0 {
+                        continue;
+                    }
+                    let t_near: [i32; WIDTH] = t_near.into();
+                    let bottom = height;
+                    let mut nearest = entry(t_near[slot], child);
+                    while entered != 0 {
+                        let slot = entered.trailing_zeros() as usize;
+                        entered &= entered - 1;
+                        let next = entry(t_near[slot % WIDTH], node.child(slot));
+                        if !NEAREST_FIRST {
+                            stack[height] = next;
+                            height += 1;
+                            continue;
+                        }
+                        let farther = nearest.max(next);
+                        nearest = nearest.min(next);
+                        // Insertion keeps nearer ones on top.
+                        let mut at = height;
+                        while at > bottom && stack[at - 1] < farther {
+                            stack[at] = stack[at - 1];
+                            at -= 1;
+                        }
+                        stack[at] = farther;
+                        height += 1;
+                    }
+                    child = nearest as u32;
+                    continue;
+                }
+            } else if visit(child & !LEAF, t_max, &mut stack[height..]) {
+                return true;
+            }
+            loop {
+                if height == 0 {
+                    return false;
+                }
+                height -= 1;
+                if f32::from_bits((stack[height] >> 32) as u32) <= *t_max {
+                    break;
+                }
+            }
+            child = stack[height] as u32;
+        }
+    }
+}
