@@ -50,7 +50,7 @@ pub(crate) struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     pub(crate) fn new(name: &'static str, scene: &'a Scene, view: CameraView) -> Tree<'a> {
-        let accel = Accel::build(scene, None);
+        let accel = Accel::build(scene);
         let rays = RaySet::seen_by(&view, &accel, scene);
         Tree { name, scene, accel, rays }
     }
@@ -58,7 +58,7 @@ impl<'a> Tree<'a> {
     /// Builds the tree once more, with the threads of the pool this runs in.
     pub(crate) fn build_seconds(&self) -> f64 {
         let start = Instant::now();
-        let accel = Accel::build(self.scene, None);
+        let accel = Accel::build(self.scene);
         let seconds = start.elapsed().as_secs_f64();
         drop(accel);
         seconds

@@ -19,8 +19,8 @@ const SIDE: u32 = 10;
 const ROUNDS: usize = 25;
 
 /// The one place that knows how a tree follows its scene.
-fn updated(accel: &Accel, scene: &Scene, _change: &SceneChange) -> Accel {
-    Accel::build(scene, Some(accel))
+fn updated(accel: &Accel, scene: &Scene, change: &SceneChange) -> Accel {
+    accel.updated(scene, change)
 }
 
 /// Prints the milliseconds for the trees alone; what the scene's own builder takes is not counted.
@@ -46,8 +46,8 @@ pub(crate) fn measure(pools: &Pools) {
         let times = pools.of.each_ref().map(|pool| pool.install(|| best_ms(&work)));
         vec![name.to_string(), format!("{:.3}", times[0]), format!("{:.3}", times[1])]
     };
-    let accel = Accel::build(&scene, None);
-    let mut rows = vec![row("build", &|| Accel::build(&scene, None))];
+    let accel = Accel::build(&scene);
+    let mut rows = vec![row("build", &|| Accel::build(&scene))];
     for (name, (edited, change)) in &edits {
         rows.push(row(name, &|| updated(&accel, edited, change)));
     }

@@ -123,6 +123,12 @@ impl Instance {
         Aabb { min: centre - half, max: centre + half }
     }
 
+    /// Where the mesh's centre is in render space.
+    #[inline(always)]
+    pub(super) fn centre_in_render(&self) -> Vec3 {
+        self.centre_in_render
+    }
+
     /// Directions of rays are the same in mesh space as in render space.
     #[inline(always)]
     pub(super) fn is_only_moved(&self) -> bool {

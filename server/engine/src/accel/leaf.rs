@@ -12,7 +12,7 @@
 //! the same hits to the last bit.
 
 use fearless_simd::{Bytes, Simd, SimdBase, SimdMask, f32x8, i32x8};
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 
 use super::{Ray, node::WIDTH};
 use crate::scene::Mesh;
@@ -55,8 +55,9 @@ pub(super) struct Shear {
 }
 
 impl Shear {
+    /// `inverse` is [`super::node::inverse_of`] the direction: exact for its longest axis.
     #[inline(always)]
-    pub(super) fn new(ray: &Ray) -> Shear {
+    pub(super) fn new(ray: &Ray, inverse: Vec3A) -> Shear {
         let Ray { origin, direction, .. } = *ray;
         let size = direction.abs();
         let z = if size.x > size.y && size.x > size.z {
@@ -67,7 +68,7 @@ impl Shear {
             2
         };
         let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
-        let inverse = 1.0 / direction[z];
+        let inverse = inverse[z];
         Shear {
             origin,
             direction,

@@ -87,16 +87,15 @@ impl Accel {
     /// Of surfaces at the same distance the one with the smallest (instance, triangle) wins, so that the
     /// answer does not depend on the tree's shape.
     pub fn closest_hit(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        let mut closest: Option<Hit> = None;
+        let mut closest = Hit { t: f32::INFINITY, instance: u32::MAX, triangle: u32::MAX, b1: 0.0, b2: 0.0 };
         self.visit::<true>(ray, |hit, t_max| {
-            let nearer = closest.as_ref().is_none_or(|best| hit.is_before(best));
-            if nearer && accept(&hit) {
+            if hit.is_before(&closest) && accept(&hit) {
                 *t_max = hit.t;
-                closest = Some(hit);
+                closest = hit;
             }
             false
         });
-        closest
+        (closest.instance != u32::MAX).then_some(closest)
     }
 
     /// True when any surface that `accept` lets count lies on `ray`.
@@ -129,7 +128,7 @@ impl Accel {
         };
         let inverse = inverse_of(ray.direction);
         let slab_in_render = Slab::new(ray.origin, inverse, top.tree().bounds());
-        let shear_in_render = Shear::new(ray);
+        let shear_in_render = Shear::new(ray, inverse);
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
         let (mut slab, mut shear) = (slab_in_render, shear_in_render);
@@ -148,11 +147,12 @@ impl Accel {
                     entered = part.instance;
                     let local = instance.ray_in_mesh(ray);
                     if instance.is_only_moved() {
-                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                        slab = slab_in_render.seen_from(instance.centre_in_render());
                         shear = shear_in_render.from(local.origin);
                     } else {
-                        slab = Slab::new(local.origin, inverse_of(local.direction), bottom.tree().bounds());
-                        shear = Shear::new(&local);
+                        let inverse = inverse_of(local.direction);
+                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                        shear = Shear::new(&local, inverse);
                     }
                 }
                 bottom.visit::<S, NEAREST_FIRST>(

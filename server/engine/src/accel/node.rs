@@ -108,10 +108,10 @@ impl WideNode {
 /// rounded on the way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slab {
-    near_scale: [f32; 3],
-    near_shift: [f32; 3],
-    far_scale: [f32; 3],
-    far_shift: [f32; 3],
+    near_scale: Vec3A,
+    near_shift: Vec3A,
+    far_scale: Vec3A,
+    far_shift: Vec3A,
     /// Row of the side where a ray enters, by axis; the side where it leaves is the row with the last bit turned.
     near_row: [usize; 3],
 }
@@ -120,12 +120,12 @@ pub(super) struct Slab {
 /// any distance at which something can be met: no reciprocal is infinite.
 const FLATTEST: f32 = 1e-12;
 
-/// Room around boxes relative to the tree's reach from the ray's origin, 16 · 2⁻²³. The shear of a vertex rounds by up
-/// to 3 · 2⁻²³ of its distance, the edge functions by 1.5, `t` by 4 on its way along each axis [Woop2013, 3.2], and the
-/// check for slivers lets 4 pass.
-const ROOM: f32 = 16.0 * f32::EPSILON;
-/// Room for the rounding of the origin times the scale.
-const ROOM_OF_ORIGIN: f32 = 2.0 * f32::EPSILON;
+/// Room around boxes relative to the tree's reach from the ray's origin, 20 · 2⁻²³. The shear of a vertex rounds by up
+/// to 3 · 2⁻²³ of its distance, the edge functions by 1.5, `t` by 4 on its way along each axis [Woop2013, 3.2], the way
+/// into an instance's space by 2, and the check for slivers lets 8 pass.
+const ROOM: f32 = 20.0 * f32::EPSILON;
+/// Room for the rounding of the origin, and of an instance's place, times the scale.
+const ROOM_OF_ORIGIN: f32 = 4.0 * f32::EPSILON;
 /// Room for the reciprocal and the last rounding, relative to `t`.
 const ROOM_OF_SCALE: f32 = 2.0 * f32::EPSILON;
 
@@ -158,11 +158,23 @@ impl Slab {
         let far_scale = fast * (1.0 + ROOM_OF_SCALE);
         let row = |axis: usize| 2 * axis + usize::from(backwards.test(axis));
         Slab {
-            near_scale: near_scale.to_array(),
-            near_shift: (near_origin * near_scale).to_array(),
-            far_scale: far_scale.to_array(),
-            far_shift: (far_origin * far_scale).to_array(),
+            near_scale,
+            near_shift: near_origin * near_scale,
+            far_scale,
+            far_shift: far_origin * far_scale,
             near_row: [row(0), row(1), row(2)],
+        }
+    }
+
+    /// The same rays seen from `place`, a point within the bounds that the slab was made for: the room that was left for
+    /// those holds for everything in them.
+    #[inline(always)]
+    pub(super) fn seen_from(&self, place: Vec3) -> Slab {
+        let place = Vec3A::from(place);
+        Slab {
+            near_shift: self.near_shift - place * self.near_scale,
+            far_shift: self.far_shift - place * self.far_scale,
+            ..*self
         }
     }
 }
