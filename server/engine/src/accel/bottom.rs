@@ -44,6 +44,10 @@ impl BottomTree {
         &self.tree
     }
 
+    pub(super) fn leaves(&self) -> &Leaves {
+        &self.leaves
+    }
+
     pub(super) fn bytes(&self) -> usize {
         self.tree.bytes() + self.leaves.bytes()
     }
@@ -60,8 +64,14 @@ impl BottomTree {
         stack: &mut [Entry],
         mut found: impl FnMut(TriangleHit, &mut f32) -> bool,
     ) -> bool {
-        self.tree.walk::<S, NEAREST_FIRST>(simd, start, slab, t_max, stack, |leaf, t_max, _| {
-            self.leaves.packet(leaf).intersect(simd, shear, t_max, &mut found)
-        })
+        self.tree.walk::<S, NEAREST_FIRST>(
+            simd,
+            start,
+            slab,
+            t_max,
+            stack,
+            #[inline(always)]
+            |leaf, t_max, _| self.leaves.packet(leaf).intersect(simd, shear, t_max, &mut found),
+        )
     }
 }

@@ -59,15 +59,8 @@ impl Shear {
     #[inline(always)]
     pub(super) fn new(ray: &Ray, inverse: Vec3A) -> Shear {
         let Ray { origin, direction, .. } = *ray;
-        let size = direction.abs();
-        let z = if size.x > size.y && size.x > size.z {
-            0
-        } else if size.y > size.z {
-            1
-        } else {
-            2
-        };
-        let axes = [[1, 2, 0], [2, 0, 1], [0, 1, 2]][z];
+        let axes = permuted_axes(direction);
+        let z = axes[2];
         let inverse = inverse[z];
         Shear {
             origin,
@@ -82,6 +75,19 @@ impl Shear {
     #[inline(always)]
     pub(super) fn from(&self, origin: Vec3) -> Shear {
         Shear { origin, permuted: self.axes.map(|axis| origin[axis]), ..*self }
+    }
+}
+
+/// The axes of space that x, y and z are for a ray, z the longest, without changing hands.
+#[inline(always)]
+pub(super) fn permuted_axes(direction: Vec3) -> [usize; 3] {
+    let size = direction.abs();
+    if size.x > size.y && size.x > size.z {
+        [1, 2, 0]
+    } else if size.y > size.z {
+        [2, 0, 1]
+    } else {
+        [0, 1, 2]
     }
 }
 
@@ -137,7 +143,7 @@ impl Leaves {
 
 impl Packet<'_> {
     #[inline(always)]
-    fn row<S: Simd>(&self, simd: S, row: usize) -> f32x8<S> {
+    pub(super) fn row<S: Simd>(&self, simd: S, row: usize) -> f32x8<S> {
         let start = row * self.count;
         f32x8::from_slice(simd, &self.rows[start..start + WIDTH])
     }
@@ -169,7 +175,7 @@ impl Packet<'_> {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let valid = (1u32 << self.count) - 1;
+        let valid = self.lanes();
         let zero = f32x8::splat(simd, 0.0);
         let on_edge = u.simd_eq(zero) | v.simd_eq(zero) | w.simd_eq(zero);
         let mut on_edge = on_edge.to_bitmask() as u32 & valid;
@@ -199,24 +205,48 @@ impl Packet<'_> {
     /// ahead of the ray.
     #[inline(always)]
     fn meet(&self, lane: usize, ray: &Shear) -> Option<TriangleHit> {
-        let corner = |corner: usize| {
-            let at = |axis: usize| f64::from(self.rows[(3 * corner + axis) * self.count + lane]);
-            DVec3::new(at(0), at(1), at(2))
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let [a, b, c] = self.corners(lane);
         let direction = ray.direction.as_dvec3();
         let (ab, ac, from_a) = (b - a, c - a, ray.origin.as_dvec3() - a);
         let p = direction.cross(ac);
         let q = from_a.cross(ab);
         let inverse = 1.0 / ab.dot(p);
-        let t = ac.dot(q) * inverse;
-        let (b1, b2) = (from_a.dot(p) * inverse, direction.dot(q) * inverse);
+        self.hit(lane, || *ray, [ac.dot(q) * inverse, from_a.dot(p) * inverse, direction.dot(q) * inverse])
+    }
+
+    /// The hit at `t` with these weights of the second and third corner, when it is one.
+    #[inline(always)]
+    pub(super) fn hit(
+        &self,
+        lane: usize,
+        ray: impl FnOnce() -> Shear,
+        [t, b1, b2]: [f64; 3],
+    ) -> Option<TriangleHit> {
         let hit = TriangleHit { t: t as f32, triangle: self.triangle(lane), b1: b1 as f32, b2: b2 as f32 };
         if b1 >= 0.0 && b2 >= 0.0 && b1 + b2 <= 1.0 {
             (hit.t > 0.0).then_some(hit)
         } else {
-            on_the_rim(ray, [a, b, c], hit)
+            on_the_rim(&ray(), self.corners(lane), hit)
         }
+    }
+
+    #[inline(always)]
+    fn corners(&self, lane: usize) -> [DVec3; 3] {
+        let [a, b, c] = [self.corner(lane, 0), self.corner(lane, 1), self.corner(lane, 2)];
+        [a, b, c].map(|[x, y, z]| DVec3::new(f64::from(x), f64::from(y), f64::from(z)))
+    }
+
+    /// A corner of one of its triangles.
+    #[inline(always)]
+    pub(super) fn corner(&self, lane: usize, corner: usize) -> [f32; 3] {
+        let at = |axis: usize| self.rows[(3 * corner + axis) * self.count + lane];
+        [at(0), at(1), at(2)]
+    }
+
+    /// Bit mask of the lanes that hold triangles.
+    #[inline(always)]
+    pub(super) fn lanes(&self) -> u32 {
+        (1 << self.count) - 1
     }
 }
 
@@ -252,7 +282,7 @@ fn on_the_rim(ray: &Shear, corners: [DVec3; 3], hit: TriangleHit) -> Option<Tria
 
 /// Bit mask of the lanes whose three numbers, none of them zero, have one sign.
 #[inline(always)]
-fn same_sign<S: Simd>(u: f32x8<S>, v: f32x8<S>, w: f32x8<S>) -> u32 {
+pub(super) fn same_sign<S: Simd>(u: f32x8<S>, v: f32x8<S>, w: f32x8<S>) -> u32 {
     let (u, v, w) = (u.bitcast::<i32x8<S>>(), v.bitcast::<i32x8<S>>(), w.bitcast::<i32x8<S>>());
     let differ = (u ^ v) | (v ^ w);
     !differ.simd_lt(i32x8::splat(u.simd, 0)).to_bitmask() as u32
@@ -264,7 +294,7 @@ fn same_sign<S: Simd>(u: f32x8<S>, v: f32x8<S>, w: f32x8<S>) -> u32 {
 /// the edge's other side does the same with the same numbers, and so agrees. What is zero then belongs to both.
 #[cold]
 #[inline(never)]
-fn is_inside_on_edge([a, b, c]: [[f32; 2]; 3], [u, v, w]: [f32; 3]) -> bool {
+pub(super) fn is_inside_on_edge([a, b, c]: [[f32; 2]; 3], [u, v, w]: [f32; 3]) -> bool {
     let edge = |single: f32, p: [f32; 2], q: [f32; 2]| {
         let exact = || f64::from(p[0]) * f64::from(q[1]) - f64::from(p[1]) * f64::from(q[0]);
         if single == 0.0 { exact() } else { f64::from(single) }

@@ -8,9 +8,11 @@
 //! Imports `math` and `scene`.
 
 mod bottom;
+mod bundle;
 mod instance;
 mod leaf;
 mod node;
+mod query;
 mod ray;
 mod restore;
 mod top;
@@ -19,7 +21,7 @@ mod update;
 
 use std::{collections::HashMap, sync::Arc};
 
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 
 pub use instance::{Instance, SurfacePoint};
@@ -27,13 +29,7 @@ pub use ray::{Hit, Ray};
 
 use crate::scene::{Id, Mesh};
 use bottom::BottomTree;
-use leaf::Shear;
-use node::{Slab, inverse_of};
 use restore::{Restorer, Top};
-use tree::Entry;
-
-/// Room for entries on the processor's stack; deeper trees take it from the heap, ray by ray.
-const STACK_INLINE: usize = 96;
 
 /// What building took and holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -80,100 +76,6 @@ impl Accel {
     /// What building took and holds.
     pub fn report(&self) -> AccelReport {
         self.report
-    }
-
-    /// The nearest surface along `ray` that `accept` lets count.
-    ///
-    /// Of surfaces at the same distance the one with the smallest (instance, triangle) wins, so that the
-    /// answer does not depend on the tree's shape.
-    pub fn closest_hit(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
-        let mut closest = Hit { t: f32::INFINITY, instance: u32::MAX, triangle: u32::MAX, b1: 0.0, b2: 0.0 };
-        self.visit::<true>(ray, |hit, t_max| {
-            if hit.is_before(&closest) && accept(&hit) {
-                *t_max = hit.t;
-                closest = hit;
-            }
-            false
-        });
-        (closest.instance != u32::MAX).then_some(closest)
-    }
-
-    /// True when any surface that `accept` lets count lies on `ray`.
-    pub fn is_occluded(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> bool {
-        self.visit::<false>(ray, |hit, _| accept(&hit))
-    }
-
-    /// Calls `found` with every triangle hit up to `t_max`; `found` may lower it, and ends the walk by true.
-    #[inline(always)]
-    fn visit<const NEAREST_FIRST: bool>(&self, ray: &Ray, found: impl FnMut(Hit, &mut f32) -> bool) -> bool {
-        dispatch!(self.level, simd => self.visit_with::<_, NEAREST_FIRST>(simd, ray, found))
-    }
-
-    #[inline(always)]
-    fn visit_with<S: Simd, const NEAREST_FIRST: bool>(
-        &self,
-        simd: S,
-        ray: &Ray,
-        mut found: impl FnMut(Hit, &mut f32) -> bool,
-    ) -> bool {
-        let top = self.top.tree();
-        let need = top.tree().stack_need() + self.bottom_stack_need;
-        let mut inline = [Entry::default(); STACK_INLINE];
-        let mut heap;
-        let stack: &mut [Entry] = if need <= inline.len() {
-            &mut inline
-        } else {
-            heap = vec![Entry::default(); need];
-            &mut heap
-        };
-        let inverse = inverse_of(ray.direction);
-        let slab_in_render = Slab::new(ray.origin, inverse, top.tree().bounds());
-        let shear_in_render = Shear::new(ray, inverse);
-        // Parts of one instance often come one after the other: the ray goes into its space once.
-        let mut entered = u32::MAX;
-        let (mut slab, mut shear) = (slab_in_render, shear_in_render);
-        let mut t_max = ray.t_max;
-        top.tree().walk::<S, NEAREST_FIRST>(
-            simd,
-            0,
-            &slab_in_render,
-            &mut t_max,
-            stack,
-            |part, t_max, stack| {
-                let part = top.part(part);
-                let instance = &*self.instances[part.instance as usize];
-                let bottom = instance.bottom();
-                if part.instance != entered {
-                    entered = part.instance;
-                    let local = instance.ray_in_mesh(ray);
-                    if instance.is_only_moved() {
-                        slab = slab_in_render.seen_from(instance.centre_in_render());
-                        shear = shear_in_render.from(local.origin);
-                    } else {
-                        let inverse = inverse_of(local.direction);
-                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
-                        shear = Shear::new(&local, inverse);
-                    }
-                }
-                bottom.visit::<S, NEAREST_FIRST>(
-                    simd,
-                    part.child,
-                    (&slab, &shear),
-                    t_max,
-                    stack,
-                    |met, t_max| {
-                        let hit = Hit {
-                            t: met.t,
-                            instance: part.instance,
-                            triangle: met.triangle,
-                            b1: met.b1,
-                            b2: met.b2,
-                        };
-                        found(hit, t_max)
-                    },
-                )
-            },
-        )
     }
 
     /// Turns a world position into render space.

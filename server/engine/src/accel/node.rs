@@ -114,16 +114,18 @@ pub(super) struct Slab {
     far_shift: Vec3A,
     /// Row of the side where a ray enters, by axis; the side where it leaves is the row with the last bit turned.
     near_row: [usize; 3],
+    /// Room left around boxes.
+    room: f32,
 }
 
 /// Directions whose components differ by more are tilted by as much, which moves the ray by far less than `ROOM` over
 /// any distance at which something can be met: no reciprocal is infinite.
-const FLATTEST: f32 = 1e-12;
+pub(super) const FLATTEST: f32 = 1e-12;
 
 /// Room around boxes relative to the tree's reach from the ray's origin, 20 · 2⁻²³. The shear of a vertex rounds by up
 /// to 3 · 2⁻²³ of its distance, the edge functions by 1.5, `t` by 4 on its way along each axis [Woop2013, 3.2], the way
 /// into an instance's space by 2, and the check for slivers lets 8 pass.
-const ROOM: f32 = 20.0 * f32::EPSILON;
+pub(super) const ROOM: f32 = 20.0 * f32::EPSILON;
 /// Room for the rounding of the origin, and of an instance's place, times the scale.
 const ROOM_OF_ORIGIN: f32 = 4.0 * f32::EPSILON;
 /// Room for the reciprocal and the last rounding, relative to `t`.
@@ -163,7 +165,14 @@ impl Slab {
             far_scale,
             far_shift: far_origin * far_scale,
             near_row: [row(0), row(1), row(2)],
+            room: room.max_element(),
         }
+    }
+
+    /// Room left around boxes, in the space of the tree.
+    #[inline(always)]
+    pub(super) fn room(&self) -> f32 {
+        self.room
     }
 
     /// The same rays seen from `place`, a point within the bounds that the slab was made for: the room that was left for

@@ -2,6 +2,8 @@
 
 use glam::Vec3;
 
+use super::leaf::TriangleHit;
+
 /// A half line in render space.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -42,7 +44,23 @@ pub struct Hit {
 }
 
 impl Hit {
+    /// After every hit there is.
+    pub(super) const NONE: Hit =
+        Hit { t: f32::INFINITY, instance: u32::MAX, triangle: u32::MAX, b1: 0.0, b2: 0.0 };
+
+    #[inline(always)]
+    pub(super) fn new(instance: u32, met: &TriangleHit) -> Hit {
+        Hit { t: met.t, instance, triangle: met.triangle, b1: met.b1, b2: met.b2 }
+    }
+
+    /// `None` for [`Hit::NONE`].
+    #[inline(always)]
+    pub(super) fn some(self) -> Option<Hit> {
+        (self.instance != u32::MAX).then_some(self)
+    }
+
     /// Nearer, or as near with a smaller name: a total order, so that ties break the same way on every tree.
+    #[inline(always)]
     pub(super) fn is_before(&self, other: &Hit) -> bool {
         (self.t, self.instance, self.triangle) < (other.t, other.instance, other.triangle)
     }

@@ -1,0 +1,240 @@
+//! Questions asked of the whole scene: the nearest surface, any surface, the nearest for many rays.
+
+use fearless_simd::{Simd, SimdBase, dispatch, f32x8};
+
+use super::{
+    Accel, Hit, Ray,
+    bundle::{Bundle, RAYS},
+    leaf::Shear,
+    node::{Slab, inverse_of},
+    tree::Entry,
+};
+
+/// Room for entries on the processor's stack; deeper trees take it from the heap, ray by ray.
+const STACK_INLINE: usize = 96;
+
+impl Accel {
+    /// The nearest surface along `ray` that `accept` lets count.
+    ///
+    /// Of surfaces at the same distance the one with the smallest (instance, triangle) wins, so that the
+    /// answer does not depend on the tree's shape.
+    pub fn closest_hit(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> Option<Hit> {
+        let mut closest = Hit::NONE;
+        self.visit::<true>(ray, |hit, t_max| {
+            if hit.is_before(&closest) && accept(&hit) {
+                *t_max = hit.t;
+                closest = hit;
+            }
+            false
+        });
+        closest.some()
+    }
+
+    /// True when any surface that `accept` lets count lies on `ray`.
+    pub fn is_occluded(&self, ray: &Ray, accept: impl Fn(&Hit) -> bool) -> bool {
+        self.visit::<false>(ray, |hit, _| accept(&hit))
+    }
+
+    /// [`Accel::closest_hit`] of every ray, with the same answers, in the same order.
+    ///
+    /// Every eight rays that follow each other and go the same way are walked as one, which takes a third of the time for
+    /// neighbouring pixels; others are walked alone. Missing hits are `None`; `hits` is as long as `rays`, or the shorter
+    /// of both counts.
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>], accept: impl Fn(&Hit) -> bool) {
+        let (eights, rest) = rays.as_chunks::<RAYS>();
+        let (hits_of_eights, hits_of_rest) = hits.split_at_mut(hits.len().min(eights.len() * RAYS));
+        for (eight, hits) in eights.iter().zip(hits_of_eights.chunks_mut(RAYS)) {
+            match dispatch!(self.level, simd => self.closest_of(simd, eight, &accept)) {
+                Some(closest) => {
+                    for (hit, closest) in hits.iter_mut().zip(closest) {
+                        *hit = closest.some();
+                    }
+                }
+                None => {
+                    for (hit, ray) in hits.iter_mut().zip(eight) {
+                        *hit = self.closest_hit(ray, &accept);
+                    }
+                }
+            }
+        }
+        for (hit, ray) in hits_of_rest.iter_mut().zip(rest) {
+            *hit = self.closest_hit(ray, &accept);
+        }
+    }
+
+    /// Calls `found` with every triangle hit up to `t_max`; `found` may lower it, and ends the walk by true.
+    #[inline(always)]
+    fn visit<const NEAREST_FIRST: bool>(&self, ray: &Ray, found: impl FnMut(Hit, &mut f32) -> bool) -> bool {
+        dispatch!(self.level, simd => self.visit_with::<_, NEAREST_FIRST>(simd, ray, found))
+    }
+
+    #[inline(always)]
+    fn visit_with<S: Simd, const NEAREST_FIRST: bool>(
+        &self,
+        simd: S,
+        ray: &Ray,
+        mut found: impl FnMut(Hit, &mut f32) -> bool,
+    ) -> bool {
+        let top = self.top.tree();
+        let mut inline = [Entry::default(); STACK_INLINE];
+        let mut heap = Vec::new();
+        let stack = self.stack(&mut inline, &mut heap);
+        let inverse = inverse_of(ray.direction);
+        let slab_in_render = Slab::new(ray.origin, inverse, top.tree().bounds());
+        let shear_in_render = Shear::new(ray, inverse);
+        // Parts of one instance often come one after the other: the ray goes into its space once.
+        let mut entered = u32::MAX;
+        let (mut slab, mut shear) = (slab_in_render, shear_in_render);
+        let mut t_max = ray.t_max;
+        top.tree().walk::<S, NEAREST_FIRST>(
+            simd,
+            0,
+            &slab_in_render,
+            &mut t_max,
+            stack,
+            #[inline(always)]
+            |part: u32, t_max: &mut f32, stack: &mut [Entry]| {
+                let part = top.part(part);
+                let instance = &*self.instances[part.instance as usize];
+                let bottom = instance.bottom();
+                if part.instance != entered {
+                    entered = part.instance;
+                    let local = instance.ray_in_mesh(ray);
+                    if instance.is_only_moved() {
+                        slab = slab_in_render.seen_from(instance.centre_in_render());
+                        shear = shear_in_render.from(local.origin);
+                    } else {
+                        let inverse = inverse_of(local.direction);
+                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                        shear = Shear::new(&local, inverse);
+                    }
+                }
+                bottom.visit::<S, NEAREST_FIRST>(
+                    simd,
+                    part.child,
+                    (&slab, &shear),
+                    t_max,
+                    stack,
+                    #[inline(always)]
+                    |met, t_max| found(Hit::new(part.instance, &met), t_max),
+                )
+            },
+        )
+    }
+
+    /// The nearest surface along each of eight rays; `None` for rays that make no bundle.
+    #[inline(always)]
+    fn closest_of<S: Simd>(
+        &self,
+        simd: S,
+        rays: &[Ray; RAYS],
+        accept: &impl Fn(&Hit) -> bool,
+    ) -> Option<[Hit; RAYS]> {
+        let top = self.top.tree();
+        let bundle = Bundle::new(simd, rays, top.tree().bounds())?;
+        let mut inline = [Entry::default(); STACK_INLINE];
+        let mut heap = Vec::new();
+        let stack = self.stack(&mut inline, &mut heap);
+        let mut closest = [Hit::NONE; RAYS];
+        let mut t_max = rays.map(|ray| ray.t_max);
+        let mut entered = u32::MAX;
+        // `None` where the bundle falls apart in the instance's space.
+        let mut local: Option<Bundle> = None;
+        let mut farthest = largest(simd, &t_max);
+        top.tree().walk::<S, true>(
+            simd,
+            0,
+            bundle.slab(),
+            &mut farthest,
+            stack,
+            #[inline(always)]
+            |part: u32, farthest: &mut f32, stack: &mut [Entry]| {
+                let part = top.part(part);
+                let instance = &*self.instances[part.instance as usize];
+                let bottom = instance.bottom();
+                if part.instance != entered {
+                    entered = part.instance;
+                    local = if instance.is_only_moved() {
+                        Some(bundle.seen_from(simd, instance.centre_in_render()))
+                    } else {
+                        let turned = rays.map(|ray| instance.ray_in_mesh(&ray));
+                        Bundle::new(simd, &turned, bottom.tree().bounds())
+                    };
+                }
+                let mut found = |ray: usize, hit: Hit, t_max: &mut f32| {
+                    if hit.is_before(&closest[ray]) && accept(&hit) {
+                        *t_max = hit.t;
+                        closest[ray] = hit;
+                    }
+                };
+                match &local {
+                    Some(local) => {
+                        let leaves = bottom.leaves();
+                        bottom.tree().walk::<S, true>(
+                            simd,
+                            part.child,
+                            local.slab(),
+                            farthest,
+                            stack,
+                            #[inline(always)]
+                            |leaf, farthest, _| {
+                                local.intersect(
+                                    simd,
+                                    &leaves.packet(leaf),
+                                    &mut t_max,
+                                    #[inline(always)]
+                                    |ray, met, t_max| {
+                                        found(ray, Hit::new(part.instance, &met), t_max);
+                                    },
+                                );
+                                *farthest = largest(simd, &t_max);
+                                false
+                            },
+                        );
+                    }
+                    None => {
+                        for ray in 0..RAYS {
+                            let local = instance.ray_in_mesh(&rays[ray]);
+                            let inverse = inverse_of(local.direction);
+                            let slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                            let shear = Shear::new(&local, inverse);
+                            bottom.visit::<S, true>(
+                                simd,
+                                part.child,
+                                (&slab, &shear),
+                                &mut t_max[ray],
+                                stack,
+                                #[inline(always)]
+                                |met, t_max| {
+                                    found(ray, Hit::new(part.instance, &met), t_max);
+                                    false
+                                },
+                            );
+                        }
+                        *farthest = largest(simd, &t_max);
+                    }
+                }
+                false
+            },
+        );
+        Some(closest)
+    }
+
+    /// Room for all that a walk may have waiting at once.
+    #[inline(always)]
+    fn stack<'a>(&self, inline: &'a mut [Entry], heap: &'a mut Vec<Entry>) -> &'a mut [Entry] {
+        let need = self.top.tree().tree().stack_need() + self.bottom_stack_need;
+        if need <= inline.len() {
+            inline
+        } else {
+            heap.resize(need, Entry::default());
+            heap
+        }
+    }
+}
+
+/// The largest of eight numbers, none of them NaN.
+#[inline(always)]
+fn largest<S: Simd>(simd: S, numbers: &[f32; RAYS]) -> f32 {
+    f32x8::load_array_ref(simd, numbers).reduce_max()
+}
