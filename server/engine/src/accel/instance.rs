@@ -107,6 +107,14 @@ impl Instance {
         &self.bottom
     }
 
+    pub(super) fn mesh_from_render(&self) -> Mat3 {
+        self.mesh_from_render
+    }
+
+    pub(super) fn centre_in_render(&self) -> Vec3 {
+        self.centre_in_render
+    }
+
     pub(super) fn bounds_in_world(&self) -> &scene::Aabb {
         &self.bounds_in_world
     }

@@ -134,6 +134,13 @@ impl Leaves {
     }
 }
 
+impl<'a> Packet<'a> {
+    /// The triangles' numbers in the mesh.
+    pub(super) fn triangles(self) -> impl Iterator<Item = u32> + 'a {
+        (0..self.count).map(move |lane| self.triangle(lane))
+    }
+}
+
 impl Packet<'_> {
     #[inline(always)]
     fn row<S: Simd>(&self, simd: S, row: usize) -> f32x8<S> {
