@@ -69,8 +69,8 @@ impl RaySet {
         let shadow = seen()
             .map(|(_, point)| {
                 let target = accel.to_render(point_on_a_lamp(&lamps, &mut random));
-                let origin = point.origin_towards(target - point.position);
-                Ray { t_max: 1.0, ..Ray::new(origin, target - origin) }
+                let endless = point.ray_towards(target - point.position);
+                Ray { direction: target - endless.origin, t_max: 1.0, ..endless }
             })
             .collect();
         RaySet { of_kind: [primary, diffuse, shadow] }
@@ -123,7 +123,7 @@ fn diffuse_ray(arriving: Vec3, point: &SurfacePoint, random: &mut Random) -> Ray
     let on_sphere = DVec3::new(r * phi.cos(), r * phi.sin(), z).as_vec3();
     // Opposite to the normal the sum is about zero and has no direction.
     let direction = (n_facing + on_sphere).try_normalize().unwrap_or(n_facing);
-    Ray::new(point.origin_towards(direction), direction)
+    point.ray_towards(direction)
 }
 
 /// Middles of five lamps below the top of the scene and their side: random lamps make shadow rays run as far apart as

@@ -48,6 +48,11 @@ impl BottomTree {
         &self.leaves
     }
 
+    /// The numbers of a leaf's triangles.
+    pub(super) fn triangles_of(&self, leaf: u32) -> impl Iterator<Item = u32> + '_ {
+        self.leaves.packet(leaf).triangles()
+    }
+
     pub(super) fn bytes(&self) -> usize {
         self.tree.bytes() + self.leaves.bytes()
     }

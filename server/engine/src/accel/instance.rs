@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3, Mat3, Vec3, Vec3A};
 use obvhs::aabb::Aabb;
 
-use super::{Hit, Ray, bottom::BottomTree};
+use super::{Hit, Ray, TriangleId, bottom::BottomTree};
 use crate::scene::{self, Id, Mesh};
 
 /// γₙ = nε/(1 − nε): relative error of n roundings [Higham2002, 3.1].
@@ -45,6 +45,8 @@ pub struct SurfacePoint {
     pub n_geo: Vec3,
     /// Largest distance along `n_geo` by which `position` may be off the surface.
     pub error_m: f32,
+    /// The triangle it is on, for points that were met.
+    pub on: TriangleId,
 }
 
 impl Instance {
@@ -107,6 +109,14 @@ impl Instance {
         &self.bottom
     }
 
+    pub(super) fn mesh_from_render(&self) -> Mat3 {
+        self.mesh_from_render
+    }
+
+    pub(super) fn centre_in_render(&self) -> Vec3 {
+        self.centre_in_render
+    }
+
     pub(super) fn bounds_in_world(&self) -> &scene::Aabb {
         &self.bounds_in_world
     }
@@ -121,12 +131,6 @@ impl Instance {
             (centre.abs() + half + Vec3A::from(self.centre_in_render.abs())) * (8.0 * f32::EPSILON);
         let half = half + rounding + Vec3A::splat(self.slack);
         Aabb { min: centre - half, max: centre + half }
-    }
-
-    /// Where the mesh's centre is in render space.
-    #[inline(always)]
-    pub(super) fn centre_in_render(&self) -> Vec3 {
-        self.centre_in_render
     }
 
     /// Directions of rays are the same in mesh space as in render space.
@@ -145,7 +149,7 @@ impl Instance {
             Ray {
                 origin: self.mesh_from_render * from_centre,
                 direction: self.mesh_from_render * ray.direction,
-                t_max: ray.t_max,
+                ..*ray
             }
         }
     }
@@ -188,7 +192,7 @@ impl Instance {
         let extent = v0.abs().max(v1.abs()).max(v2.abs());
         let bound = self.absolute * (extent * gamma(19.0))
             + (self.centre_in_render.abs() + position.abs()) * gamma(5.0);
-        SurfacePoint { position, n_geo, error_m: bound.dot(n_geo.abs()) }
+        SurfacePoint { position, n_geo, error_m: bound.dot(n_geo.abs()), on: TriangleId::NONE }
     }
 
     /// A vector of mesh space in render space.
@@ -199,7 +203,7 @@ impl Instance {
 
     /// [`Instance::surface_point`] of a hit.
     pub fn point_of(&self, hit: &Hit) -> SurfacePoint {
-        self.surface_point(hit.triangle, hit.b1, hit.b2)
+        SurfacePoint { on: hit.triangle_id(), ..self.surface_point(hit.triangle, hit.b1, hit.b2) }
     }
 }
 
@@ -218,6 +222,12 @@ fn triangle_normal(v0: Vec3, v1: Vec3, v2: Vec3) -> Vec3 {
 }
 
 impl SurfacePoint {
+    /// A ray without end that leaves the surface.
+    #[inline]
+    pub fn ray_towards(&self, direction: Vec3) -> Ray {
+        Ray { left: self.on, ..Ray::new(self.origin_towards(direction), direction) }
+    }
+
     /// Start for a ray towards `direction`: off the surface, on the side the ray leaves to, by the error bound.
     #[inline]
     pub fn origin_towards(&self, direction: Vec3) -> Vec3 {

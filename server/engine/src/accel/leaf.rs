@@ -52,6 +52,8 @@ pub(super) struct Shear {
     permuted: [f32; 3],
     /// Slopes of the permuted x and y over z.
     slope: [f32; 2],
+    /// The triangle of the mesh that the ray leaves.
+    left: u32,
 }
 
 impl Shear {
@@ -68,7 +70,15 @@ impl Shear {
             axes,
             permuted: [origin[axes[0]], origin[axes[1]], origin[z]],
             slope: [direction[axes[0]] * inverse, direction[axes[1]] * inverse],
+            left: u32::MAX,
         }
+    }
+
+    /// The same ray, against the meshes of `instance`.
+    #[inline(always)]
+    pub(super) fn within(mut self, instance: u32, ray: &Ray) -> Shear {
+        self.left = if ray.left.instance == instance { ray.left.triangle } else { u32::MAX };
+        self
     }
 
     /// The same direction from another origin.
@@ -141,6 +151,13 @@ impl Leaves {
     }
 }
 
+impl<'a> Packet<'a> {
+    /// The triangles' numbers in the mesh.
+    pub(super) fn triangles(self) -> impl Iterator<Item = u32> + 'a {
+        (0..self.count).map(move |lane| self.triangle(lane))
+    }
+}
+
 impl Packet<'_> {
     #[inline(always)]
     pub(super) fn row<S: Simd>(&self, simd: S, row: usize) -> f32x8<S> {
@@ -193,6 +210,9 @@ impl Packet<'_> {
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
+            if self.triangle(lane) == ray.left {
+                continue;
+            }
             let Some(hit) = self.meet(lane, ray) else { continue };
             if hit.t <= *t_max && found(hit, t_max) {
                 return true;

@@ -18,6 +18,7 @@ mod restore;
 mod top;
 mod tree;
 mod update;
+mod upload;
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -25,7 +26,11 @@ use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 
 pub use instance::{Instance, SurfacePoint};
-pub use ray::{Hit, Ray};
+pub use ray::{Hit, Ray, TriangleId};
+pub use upload::{
+    AccelBuffers, GpuInstance, GpuNode, GpuPart, GpuTriangle, INSTANCE_IS_MIRRORED, INSTANCE_IS_ONLY_MOVED,
+    MeshRange, START_COUNT_SHIFT, START_IS_LEAF, TRIANGLE_AXIS_SHIFT,
+};
 
 use crate::scene::{Id, Mesh};
 use bottom::BottomTree;

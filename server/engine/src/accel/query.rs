@@ -102,11 +102,11 @@ impl Accel {
                     let local = instance.ray_in_mesh(ray);
                     if instance.is_only_moved() {
                         slab = slab_in_render.seen_from(instance.centre_in_render());
-                        shear = shear_in_render.from(local.origin);
+                        shear = shear_in_render.from(local.origin).within(part.instance, ray);
                     } else {
                         let inverse = inverse_of(local.direction);
                         slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
-                        shear = Shear::new(&local, inverse);
+                        shear = Shear::new(&local, inverse).within(part.instance, ray);
                     }
                 }
                 bottom.visit::<S, NEAREST_FIRST>(
@@ -162,7 +162,8 @@ impl Accel {
                     };
                 }
                 let mut found = |ray: usize, hit: Hit, t_max: &mut f32| {
-                    if hit.is_before(&closest[ray]) && accept(&hit) {
+                    let is_left = hit.triangle_id() == rays[ray].left;
+                    if !is_left && hit.is_before(&closest[ray]) && accept(&hit) {
                         *t_max = hit.t;
                         closest[ray] = hit;
                     }
@@ -197,7 +198,7 @@ impl Accel {
                             let local = instance.ray_in_mesh(&rays[ray]);
                             let inverse = inverse_of(local.direction);
                             let slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
-                            let shear = Shear::new(&local, inverse);
+                            let shear = Shear::new(&local, inverse).within(part.instance, &rays[ray]);
                             bottom.visit::<S, true>(
                                 simd,
                                 part.child,

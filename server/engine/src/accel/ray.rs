@@ -14,12 +14,28 @@ pub struct Ray {
     /// Surfaces beyond this `t` do not count. The start itself (t ≤ 0) never counts: rays that leave a
     /// surface start off it by its error bound.
     pub t_max: f32,
+    /// The triangle it starts on, which is flat and so never met again; [`TriangleId::NONE`] for others.
+    pub left: TriangleId,
+}
+
+/// A triangle of an instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TriangleId {
+    /// Index into [`super::Accel::instances`].
+    pub instance: u32,
+    /// Index into the mesh's triangles.
+    pub triangle: u32,
+}
+
+impl TriangleId {
+    /// No triangle at all.
+    pub const NONE: TriangleId = TriangleId { instance: u32::MAX, triangle: u32::MAX };
 }
 
 impl Ray {
-    /// A ray without end.
+    /// A ray without end, from anywhere.
     pub fn new(origin: Vec3, direction: Vec3) -> Ray {
-        Ray { origin, direction, t_max: f32::INFINITY }
+        Ray { origin, direction, t_max: f32::INFINITY, left: TriangleId::NONE }
     }
 
     /// Where the ray is at `t`.
@@ -44,6 +60,11 @@ pub struct Hit {
 }
 
 impl Hit {
+    /// The triangle that was met.
+    pub fn triangle_id(&self) -> TriangleId {
+        TriangleId { instance: self.instance, triangle: self.triangle }
+    }
+
     /// After every hit there is.
     pub(super) const NONE: Hit =
         Hit { t: f32::INFINITY, instance: u32::MAX, triangle: u32::MAX, b1: 0.0, b2: 0.0 };

@@ -10,10 +10,10 @@ use crate::scene::{
 };
 
 /// A small, well-known stream of numbers in [0, 1) [Steele2014, SplitMix64].
-struct Numbers(u64);
+pub(super) struct Numbers(pub(super) u64);
 
 impl Numbers {
-    fn next(&mut self) -> f64 {
+    pub(super) fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -21,18 +21,18 @@ impl Numbers {
         ((z ^ z >> 31) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    fn direction(&mut self) -> Vec3 {
+    pub(super) fn direction(&mut self) -> Vec3 {
         let (z, phi) = (1.0 - 2.0 * self.next(), self.next() * std::f64::consts::TAU);
         let r = (1.0 - z * z).max(0.0).sqrt();
         Vec3::new((r * phi.cos()) as f32, (r * phi.sin()) as f32, z as f32)
     }
 
-    fn point(&mut self, half_size: f64) -> DVec3 {
+    pub(super) fn point(&mut self, half_size: f64) -> DVec3 {
         DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5) * 2.0 * half_size
     }
 }
 
-fn stage_with_grey() -> (Stage, crate::scene::Id) {
+pub(super) fn stage_with_grey() -> (Stage, crate::scene::Id) {
     let mut stage = Stage::default();
     let grey = stage.material("grey", Material::lambert(Rgb::splat(0.5))).unwrap();
     (stage, grey)

@@ -10,7 +10,7 @@ use super::{
     surface::PreparedMaterial,
 };
 use crate::{
-    accel::{Accel, AccelReport, Hit, Ray, SurfacePoint},
+    accel::{Accel, AccelReport, Hit, Ray, SurfacePoint, TriangleId},
     math::Rgb,
     scene::{Id, Scene, SceneChange},
     transport::LightOrigin,
@@ -34,9 +34,9 @@ pub struct World {
 pub struct ShadowRay {
     /// From off the surface to off the light, or without end.
     pub ray: Ray,
-    /// The light's own (instance, triangle), which is never in its own way: from afar the rounding of `t` exceeds the
+    /// The light's own triangle, which is never in its own way: from afar the rounding of `t` exceeds the
     /// distance by which the ray ends off it.
-    pub light: Option<(u32, u32)>,
+    pub light: Option<TriangleId>,
 }
 
 /// What preparing took and holds.
@@ -134,7 +134,7 @@ impl World {
     /// True when anything stands between a surface and its light; masks are honoured.
     pub fn is_occluded(&self, shadow: &ShadowRay) -> bool {
         let ShadowRay { ray, light } = shadow;
-        let in_the_way = |hit: &Hit| *light != Some((hit.instance, hit.triangle));
+        let in_the_way = |hit: &Hit| *light != Some(hit.triangle_id());
         if self.has_masks {
             self.accel.is_occluded(ray, |hit| in_the_way(hit) && self.is_present(hit))
         } else {
@@ -160,10 +160,10 @@ impl World {
         from: &SurfacePoint,
         sample: &super::LightSample,
     ) -> Option<(Rgb, ShadowRay)> {
-        let origin = from.origin_towards(sample.wi);
+        let endless = from.ray_towards(sample.wi);
         let (radiance, target, light) = match sample.origin {
             LightOrigin::Infinite => {
-                return Some((sample.radiance, ShadowRay { ray: Ray::new(origin, sample.wi), light: None }));
+                return Some((sample.radiance, ShadowRay { ray: endless, light: None }));
             }
             LightOrigin::Point(position) => (sample.radiance, position, None),
             LightOrigin::Surface { instance, triangle, barycentric, point } => {
@@ -175,10 +175,10 @@ impl World {
                     return None;
                 }
                 let radiance = material.emitted(placed, &hit, from_front);
-                (radiance, point.origin_towards(-sample.wi), Some((instance, triangle)))
+                (radiance, point.origin_towards(-sample.wi), Some(TriangleId { instance, triangle }))
             }
         };
-        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        let ray = Ray { direction: target - endless.origin, t_max: 1.0, ..endless };
         (!radiance.is_black()).then_some((radiance, ShadowRay { ray, light }))
     }
 }

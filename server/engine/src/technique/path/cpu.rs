@@ -228,7 +228,7 @@ impl Tracer<'_> {
         if wo_local.z * drawn.wi.z < 0.0 {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }
-        path.ray = Ray::new(surface.point.origin_towards(wi), wi);
+        path.ray = surface.point.ray_towards(wi);
         path.survives_roulette(survival)
     }
 }

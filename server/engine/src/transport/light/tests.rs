@@ -6,6 +6,7 @@ use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
 
 use super::*;
 use crate::{
+    accel::TriangleId,
     math::{Rgb, RunningStatistics, sobol::point},
     scene::{
         Environment, Id, Light, Material, Scene, Texels, Texture,
@@ -16,7 +17,12 @@ use crate::{
 
 /// A point of a surface in the void, for asking what arrives there.
 fn receiver(world: &World, p_in_world: DVec3, n: DVec3) -> SurfacePoint {
-    SurfacePoint { position: world.accel().to_render(p_in_world), n_geo: n.as_vec3(), error_m: 0.0 }
+    SurfacePoint {
+        position: world.accel().to_render(p_in_world),
+        n_geo: n.as_vec3(),
+        error_m: 0.0,
+        on: TriangleId::NONE,
+    }
 }
 
 /// Mean and standard error of `value(sample)` over light samples at a receiver; zero where no light is drawn.
