@@ -131,6 +131,15 @@ impl World {
         }
     }
 
+    /// [`World::closest_hit`] of every ray; fast where rays that follow each other start together and go the same way.
+    pub fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        if self.has_masks {
+            self.accel.closest_hits(rays, hits, |hit| self.is_present(hit));
+        } else {
+            self.accel.closest_hits(rays, hits, |_| true);
+        }
+    }
+
     /// True when anything stands between a surface and its light; masks are honoured.
     pub fn is_occluded(&self, shadow: &ShadowRay) -> bool {
         let ShadowRay { ray, light } = shadow;

@@ -61,19 +61,24 @@ fn power_heuristic(pdf: f32, other: f32) -> f32 {
 }
 
 impl Tracer<'_> {
-    /// One sample of the pixel (`x`, `y`).
+    /// The ray of one sample of the pixel (`x`, `y`).
+    pub(super) fn primary_ray(&self, x: u32, y: u32, sampler: &PixelSampler) -> Ray {
+        let [dx, dy, ..] = sampler.four(0);
+        self.view.ray(x as f32 + dx, y as f32 + dy)
+    }
+
+    /// One sample of a pixel by its primary ray and what that met.
     pub(super) fn sample_pixel(
         &self,
-        x: u32,
-        y: u32,
+        ray: &Ray,
+        met: Option<Hit>,
         sampler: &PixelSampler,
         tally: &mut impl Tally,
     ) -> PixelSample {
         tally.path();
-        let [dx, dy, ..] = sampler.four(0);
         let mut sample = PixelSample::BLACK;
         let mut path = Path {
-            ray: self.view.ray(x as f32 + dx, y as f32 + dy),
+            ray: *ray,
             throughput: Rgb::WHITE,
             class: PathClass::Emitted,
             bounce: 0,
@@ -82,14 +87,24 @@ impl Tracer<'_> {
             medium: None,
             sampler,
         };
-        while self.advance(&mut path, &mut sample, tally) {}
+        tally.ray(&path.ray);
+        let mut met = met;
+        while self.advance(&mut path, met, &mut sample, tally) {
+            tally.ray(&path.ray);
+            met = self.world.closest_hit(&path.ray);
+        }
         sample
     }
 
-    /// Follows the path to its next surface, collects light there and scatters. False when the path has ended.
-    fn advance(&self, path: &mut Path<'_>, sample: &mut PixelSample, tally: &mut impl Tally) -> bool {
-        tally.ray(&path.ray);
-        let Some(hit) = self.world.closest_hit(&path.ray) else {
+    /// Takes the path to the surface that its ray met, collects light there and scatters. False when the path has ended.
+    fn advance(
+        &self,
+        path: &mut Path<'_>,
+        met: Option<Hit>,
+        sample: &mut PixelSample,
+        tally: &mut impl Tally,
+    ) -> bool {
+        let Some(hit) = met else {
             self.add_environment(path, sample);
             return false;
         };

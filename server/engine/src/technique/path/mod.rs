@@ -27,7 +27,7 @@ pub use view::View;
 use super::{Bias, Card, Counts, Progress, Step, Technique};
 use crate::{
     accel::Ray,
-    film::{Film, PictureSize, Tile},
+    film::{Film, PictureSize, PixelSample, Tile},
     math::sobol::PixelSampler,
     scene::SceneChange,
     transport::{PathClass, ShadowRay, World},
@@ -163,8 +163,21 @@ pub fn rays_of_a_pass(
 fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
     // Even and odd passes draw from sequences of their own: the two halves of the film must be independent.
     let (sequence, index) = (tile.passes() & 1, tile.passes() >> 1);
-    tile.add_pass(|x, y| {
-        let sampler = PixelSampler::new(tracer.settings.seed, sequence, y * width + x, index);
-        tracer.sample_pixel(x, y, &sampler, tally)
+    let (origin, end) = (tile.origin(), tile.origin() + tile.size());
+    let pixels = (origin.y..end.y).flat_map(|y| (origin.x..end.x).map(move |x| (x, y)));
+    let samplers: Vec<PixelSampler> = pixels
+        .clone()
+        .map(|(x, y)| PixelSampler::new(tracer.settings.seed, sequence, y * width + x, index))
+        .collect();
+    // The first rays of neighbouring pixels go almost the same way: asked for together, they take half the time.
+    let rays: Vec<Ray> =
+        pixels.zip(&samplers).map(|((x, y), sampler)| tracer.primary_ray(x, y, sampler)).collect();
+    let mut met = vec![None; rays.len()];
+    tracer.world.closest_hits(&rays, &mut met);
+    let mut starts = samplers.iter().zip(&rays).zip(met);
+    tile.add_pass(|_, _| {
+        starts
+            .next()
+            .map_or(PixelSample::BLACK, |((sampler, ray), met)| tracer.sample_pixel(ray, met, sampler, tally))
     });
 }
