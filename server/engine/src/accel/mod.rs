@@ -1,14 +1,19 @@
 //! Rays against the scene: a two-level bounding volume hierarchy, one bottom tree per mesh, instances on top.
 //!
-//! Trees are built by `obvhs` (PLOC, reinsertion) and collapsed to four children a node; the traversal and
-//! the watertight triangle test are ours. Rays live in *render space*: the world moved so that the middle
-//! of the scene is its origin, in single precision. Transforms are composed in double precision, so a
-//! scene 100 km from the world's origin is as exact as one at it.
+//! obvhs builds binary trees (PLOC, reinsertion); they are collapsed to eight children a node at the least expected cost
+//! and walked by our own code, eight boxes or triangles at once with the vector instructions that the machine turns out
+//! to have. Answers depend on nothing but the scene and the ray: not on the trees' shapes, nor on the instruction set,
+//! nor on whether a ray was asked for alone or with others.
+//!
+//! Rays live in *render space*: the world moved so that its origin is near the middle of the scene, in single precision.
+//! Transforms are composed in double precision, and instances are met in their own space, so a scene 100 km from the
+//! world's origin is as exact as one at it. Where a ray meets a triangle is computed in double precision.
 //!
 //! Imports `math` and `scene`.
 
 mod bottom;
 mod bundle;
+mod collapse;
 mod instance;
 mod leaf;
 mod node;
@@ -36,6 +41,9 @@ use crate::scene::{Id, Mesh};
 use bottom::BottomTree;
 use restore::{Restorer, Top};
 
+/// The trees of meshes by the meshes' ids, with the mesh that each was built for.
+type Bottoms = HashMap<Id, (Arc<Mesh>, Arc<BottomTree>)>;
+
 /// What building took and holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AccelReport {
@@ -53,7 +61,7 @@ pub struct AccelReport {
 #[derive(Clone, Debug)]
 pub struct Accel {
     origin_in_world: DVec3,
-    bottoms: Arc<HashMap<Id, (Arc<Mesh>, Arc<BottomTree>)>>,
+    bottoms: Arc<Bottoms>,
     instances: Vec<Arc<Instance>>,
     /// Number of the instance of each node that shows something.
     numbers: Arc<HashMap<Id, u32>>,

@@ -12,7 +12,7 @@ use obvhs::aabb::Aabb;
 use super::{
     instance::Instance,
     node::{LEAF, WIDTH, WideNode},
-    tree::{BuildSettings, Tree, build_binary},
+    tree::{LeafKind, Tree},
 };
 
 /// Opening stops at this share of the scene's half area: smaller subtrees overlap little.
@@ -77,8 +77,7 @@ impl TopTree {
             }
             *count += 1;
         }
-        let settings = BuildSettings { leaf_max: 1, traversal_cost: 1.0 };
-        let tree = Tree::collapse(&build_binary(&bounds, settings), |members| members[0]);
+        let tree = Tree::build(&bounds, LeafKind { members_max: 1, cost: 1.0 }, |members| members[0]);
         let mut parts: Vec<Part> = found
             .iter()
             .map(|part| Part { instance: part.instance, child: part.child, node: GONE, slot: 0 })

@@ -9,7 +9,10 @@ use obvhs::{
     bvh2::{Bvh2, builder::build_bvh2},
 };
 
-use super::node::{LEAF, Slab, WIDTH, WideNode};
+use super::{
+    collapse::{Chosen, Collapse},
+    node::{LEAF, Slab, WIDTH, WideNode},
+};
 
 /// A tree over leaves that its owner knows by number.
 #[derive(Clone, Debug)]
@@ -37,20 +40,22 @@ impl Boundable for Bounds {
     }
 }
 
-/// How a tree is built.
+/// What the leaves of a tree are.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct BuildSettings {
+pub(super) struct LeafKind {
     /// Most members of a leaf.
-    pub(super) leaf_max: u32,
-    /// What visiting a binary node costs, in tests of one member: the higher, the larger the leaves.
-    pub(super) traversal_cost: f32,
+    pub(super) members_max: u32,
+    /// What a leaf costs a ray, in visits of a node.
+    pub(super) cost: f32,
 }
 
-/// The binary tree over `bounds`.
-pub(super) fn build_binary(bounds: &[Aabb], settings: BuildSettings) -> Bvh2 {
+/// The binary tree over `bounds`, members one by one in its leaves.
+pub(super) fn build_binary(bounds: &[Aabb]) -> Bvh2 {
+    // Half the time of obvhs's medium preset, for trees that cost rays 2 % more: its second round of reinsertion is meant for
+    // trees whose leaves it has merged, which we do better ourselves.
     let params = BvhBuildParams {
-        max_prims_per_leaf: settings.leaf_max,
-        collapse_traversal_cost: settings.traversal_cost,
+        max_prims_per_leaf: 1,
+        post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
         ..BvhBuildParams::medium_build()
     };
     let items: Vec<Bounds> = bounds.iter().map(|bounds| Bounds(*bounds)).collect();
@@ -58,69 +63,41 @@ pub(super) fn build_binary(bounds: &[Aabb], settings: BuildSettings) -> Bvh2 {
 }
 
 impl Tree {
-    /// Collapses a binary tree; `leaf_of(members)` names the leaf of some members, by index into the bounds.
-    pub(super) fn collapse(binary: &Bvh2, mut leaf_of: impl FnMut(&[u32]) -> u32) -> Tree {
-        let mut tree = Tree {
-            nodes: Vec::with_capacity(binary.nodes.len() / 6 + 1),
-            bounds: Aabb::INVALID,
-            stack_need: 1,
-        };
-        let Some(root) = binary.nodes.first() else { return tree };
-        tree.bounds = *root.aabb();
-        tree.collapse_under(binary, 0, &mut leaf_of);
+    /// Of some members by their bounds; `leaf_of(members)` names the leaf of some of them, by index.
+    pub(super) fn build(bounds: &[Aabb], leaves: LeafKind, mut leaf_of: impl FnMut(&[u32]) -> u32) -> Tree {
+        let mut tree = Tree { nodes: Vec::new(), bounds: Aabb::INVALID, stack_need: 1 };
+        if bounds.is_empty() {
+            return tree;
+        }
+        let binary = build_binary(bounds);
+        tree.bounds = *binary.nodes[0].aabb();
+        tree.nodes.reserve(bounds.len() / 16 + 1);
+        tree.collapse(&binary, &Collapse::choose(&binary, leaves), &mut leaf_of);
         tree.stack_need = tree.measure_stack_need();
         tree
     }
 
-    /// Makes one node of the binary node at `top` and, after it, of everything below: what is visited together lies
-    /// together. Of the children found so far the one with the largest area is opened until eight are there.
-    fn collapse_under(&mut self, binary: &Bvh2, top: usize, leaf_of: &mut impl FnMut(&[u32]) -> u32) {
-        let mut pending = vec![(top, None::<(usize, usize)>)];
+    /// Lays nodes out depth first, the largest child right behind its parent: what is visited together lies together.
+    fn collapse(&mut self, binary: &Bvh2, choice: &Collapse<'_>, leaf_of: &mut impl FnMut(&[u32]) -> u32) {
+        let bounds_of = |child: &Chosen| binary.nodes[child.binary].aabb();
+        let mut pending = vec![(0, None::<(usize, usize)>)];
+        let (mut children, mut members) = (Vec::new(), Vec::new());
         while let Some((at, parent)) = pending.pop() {
             let index = self.nodes.len();
             self.nodes.push(WideNode::EMPTY);
             if let Some((parent, slot)) = parent {
                 self.nodes[parent].set(slot, binary.nodes[at].aabb(), index as u32);
             }
-            let mut children = [0usize; WIDTH];
-            let mut areas = [f32::NEG_INFINITY; WIDTH];
-            let mut count = 0;
-            let mut add = |children: &mut [usize; WIDTH], slot: usize, child: usize| {
-                children[slot] = child;
-                let node = &binary.nodes[child];
-                areas[slot] = if node.is_leaf() { f32::NEG_INFINITY } else { node.aabb().half_area() };
-                areas
-            };
-            let mut open = add(&mut children, 0, at);
-            count += 1;
-            while count < WIDTH {
-                let mut largest = 0;
-                for slot in 1..count {
-                    if open[slot] > open[largest] {
-                        largest = slot;
-                    }
-                }
-                if open[largest] == f32::NEG_INFINITY {
-                    break;
-                }
-                let first = binary.nodes[children[largest]].first_index as usize;
-                add(&mut children, largest, first);
-                open = add(&mut children, count, first + 1);
-                count += 1;
-            }
-            for slot in 0..count {
-                let source = &binary.nodes[children[slot]];
-                if source.is_leaf() {
-                    let first = source.first_index as usize;
-                    let members = &binary.primitive_indices[first..first + source.prim_count as usize];
-                    self.nodes[index].set(slot, source.aabb(), LEAF | leaf_of(members));
+            choice.children(at, &mut children);
+            children.sort_by(|a, b| bounds_of(a).half_area().total_cmp(&bounds_of(b).half_area()));
+            for (slot, child) in children.iter().enumerate() {
+                if child.is_leaf {
+                    choice.members(child.binary, &mut members);
+                    self.nodes[index].set(slot, bounds_of(child), LEAF | leaf_of(&members));
+                } else {
+                    pending.push((child.binary, Some((index, slot))));
                 }
             }
-            // Pushed last is made next: the largest child comes right behind its parent.
-            let mut inner: Vec<usize> =
-                (0..count).filter(|slot| !binary.nodes[children[*slot]].is_leaf()).collect();
-            inner.sort_by(|a, b| open[*a].total_cmp(&open[*b]));
-            pending.extend(inner.into_iter().map(|slot| (children[slot], Some((index, slot)))));
         }
     }
 

@@ -1,21 +1,19 @@
 //! Building the trees of a scene, and bringing them up to date after an edit.
 
-use std::{collections::HashMap, sync::Arc, time::Instant};
+use std::{sync::Arc, time::Instant};
 
 use fearless_simd::Level;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    Accel, AccelReport,
+    Accel, AccelReport, Bottoms,
     bottom::BottomTree,
     instance::Instance,
     restore::{Restorer, Top},
     top::TopTree,
 };
 use crate::scene::{Aabb, Id, Mesh, Scene, SceneChange};
-
-type Bottoms = HashMap<Id, (Arc<Mesh>, Arc<BottomTree>)>;
 
 impl Accel {
     /// Builds the trees of a scene from nothing.
