@@ -15,8 +15,10 @@ mod bottom;
 mod bundle;
 mod collapse;
 mod instance;
+mod instructions;
 mod leaf;
 mod node;
+mod prefetch;
 mod query;
 mod ray;
 mod restore;
@@ -31,6 +33,7 @@ use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 
 pub use instance::{Instance, SurfacePoint};
+pub use instructions::Instructions;
 pub use ray::{Hit, Ray, TriangleId};
 pub use upload::{
     AccelBuffers, GpuInstance, GpuNode, GpuPart, GpuTriangle, INSTANCE_IS_MIRRORED, INSTANCE_IS_ONLY_MOVED,
@@ -76,6 +79,11 @@ pub struct Accel {
 }
 
 impl Accel {
+    /// The same trees walked with no more than these instructions, for comparing them: the answers are the same.
+    pub fn limited_to(&self, instructions: Instructions) -> Accel {
+        Accel { level: instructions.level(), ..self.clone() }
+    }
+
     /// The world position of render space's origin.
     pub fn origin_in_world(&self) -> DVec3 {
         self.origin_in_world

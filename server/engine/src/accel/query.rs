@@ -1,10 +1,11 @@
 //! Questions asked of the whole scene: the nearest surface, any surface, the nearest for many rays.
 
-use fearless_simd::{Simd, SimdBase, dispatch, f32x8};
+use fearless_simd::{Simd, SimdBase, f32x8};
 
 use super::{
     Accel, Hit, Ray,
     bundle::{Bundle, RAYS},
+    instructions::vectorized,
     leaf::Shear,
     node::{Slab, inverse_of},
     tree::Entry,
@@ -44,7 +45,7 @@ impl Accel {
         let (eights, rest) = rays.as_chunks::<RAYS>();
         let (hits_of_eights, hits_of_rest) = hits.split_at_mut(hits.len().min(eights.len() * RAYS));
         for (eight, hits) in eights.iter().zip(hits_of_eights.chunks_mut(RAYS)) {
-            match dispatch!(self.level, simd => self.closest_of(simd, eight, &accept)) {
+            match vectorized!(self.level, simd => self.closest_of(simd, eight, &accept)) {
                 Some(closest) => {
                     for (hit, closest) in hits.iter_mut().zip(closest) {
                         *hit = closest.some();
@@ -65,7 +66,7 @@ impl Accel {
     /// Calls `found` with every triangle hit up to `t_max`; `found` may lower it, and ends the walk by true.
     #[inline(always)]
     fn visit<const NEAREST_FIRST: bool>(&self, ray: &Ray, found: impl FnMut(Hit, &mut f32) -> bool) -> bool {
-        dispatch!(self.level, simd => self.visit_with::<_, NEAREST_FIRST>(simd, ray, found))
+        vectorized!(self.level, simd => self.visit_with::<_, NEAREST_FIRST>(simd, ray, found))
     }
 
     #[inline(always)]

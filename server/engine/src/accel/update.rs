@@ -2,7 +2,6 @@
 
 use std::{sync::Arc, time::Instant};
 
-use fearless_simd::Level;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -10,6 +9,7 @@ use super::{
     Accel, AccelReport, Bottoms,
     bottom::BottomTree,
     instance::Instance,
+    instructions::Instructions,
     restore::{Restorer, Top},
     top::TopTree,
 };
@@ -86,7 +86,7 @@ impl Accel {
             numbers: Arc::default(),
             top: Arc::new(Top::new(TopTree::build(&[]))),
             restorer,
-            level: Level::new(),
+            level: Instructions::Avx512.level(),
             bottom_stack_need: 0,
             radius: 0.0,
             report: AccelReport { trees_built, ..AccelReport::default() },
