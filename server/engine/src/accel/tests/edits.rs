@@ -116,6 +116,15 @@ impl Playground {
                 builder.remove_node(node.as_str()).unwrap();
                 format!("removing {node}")
             }
+            (6, Some(id)) => {
+                // The same name again, where its mesh still exists with it or else as a group.
+                let before = builder.scene().nodes()[&id].clone();
+                builder.remove_node(id.as_str()).unwrap();
+                let mesh = before.mesh.filter(|mesh| builder.scene().meshes().contains_key(mesh));
+                let node = Node { parent: None, parent_from_node: self.transform(), mesh };
+                let _ = builder.add_node(id.clone(), node);
+                format!("removing and adding {id}")
+            }
             (_, parent) => {
                 self.named += 1;
                 let id = Id::sanitised(&format!("{}", self.named), "node");
@@ -171,6 +180,28 @@ fn any_sequence_of_edits_answers_as_a_fresh_build() {
             }
         }
     });
+}
+
+/// The number of an instance is its place in the scene, also of a node that was removed and added again in one edit.
+#[test]
+fn a_node_removed_and_added_in_one_edit_comes_last() {
+    let (mut stage, grey) = stage_with_grey();
+    stage.place("a", samples::cuboid(DVec3::NEG_ONE, DVec3::ONE, &grey), DAffine3::IDENTITY).unwrap();
+    let mut again = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Id::new("a") };
+    for name in ["b", "c"] {
+        stage.builder().add_node(Id::new(name).unwrap(), again.clone()).unwrap();
+    }
+    let scene = stage.finish();
+    let first = Accel::build(&scene);
+    for name in ["a", "b", "c"] {
+        let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+        builder.remove_node(name).unwrap();
+        again.parent_from_node = DAffine3::from_translation(DVec3::new(0.1, 0.0, 0.0));
+        builder.add_node(Id::new(name).unwrap(), again.clone()).unwrap();
+        let (next, change) = builder.finish();
+        let mut numbers = Numbers(137);
+        assert_as_built(&first.updated(&next, &change), &next, &mut numbers, 200, name);
+    }
 }
 
 /// Hundreds of bodies that come to one place one by one, and go again, leave trees that answer rightly however deep.
