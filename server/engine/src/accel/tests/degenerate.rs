@@ -2,6 +2,40 @@
 
 use super::*;
 
+/// Rays without a direction or with numbers that are none hit nothing.
+#[test]
+fn rays_that_are_none_hit_nothing() {
+    let mut numbers = Numbers(61);
+    let mut scenes = vec![samples::cornell_box().unwrap()];
+    for count in [1, 5, 300] {
+        scenes.push(scene_of(|grey| soup(&mut numbers, count, 1.0, 0.5, grey)));
+    }
+    let odd = [0.0, -0.0, 1.0, f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
+    for accel in scenes.iter().map(Accel::build) {
+        for code in 0..odd.len().pow(3) {
+            let direction = Vec3::new(odd[code % 7], odd[code / 7 % 7], odd[code / 49]);
+            if direction.is_finite() && direction != Vec3::ZERO {
+                continue;
+            }
+            for corner in 0..9 {
+                let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
+                let origin = if corner == 8 { Vec3::ZERO } else { Vec3::new(sign(0), sign(1), sign(2)) };
+                let ray = Ray::new(origin, direction);
+                assert_eq!(accel.closest_hit(&ray, |_| true), None, "{ray:?}");
+                assert!(!accel.is_occluded(&ray, |_| true), "{ray:?}");
+            }
+        }
+        for origin in [Vec3::NAN, Vec3::INFINITY, Vec3::NEG_INFINITY, Vec3::new(0.0, f32::NAN, 0.0)] {
+            let ray = Ray::new(origin, numbers.direction());
+            assert_eq!(accel.closest_hit(&ray, |_| true), None, "{ray:?}");
+        }
+        for t_max in [f32::NAN, -1.0, -0.0, 0.0, f32::NEG_INFINITY] {
+            let ray = Ray { t_max, ..Ray::new(Vec3::new(0.0, 0.1, 0.0), numbers.direction()) };
+            assert_eq!(accel.closest_hit(&ray, |_| true), None, "{ray:?}");
+        }
+    }
+}
+
 /// Directions of any length, however short or long, meet the same surfaces.
 #[test]
 fn the_length_of_a_direction_does_not_matter() {
