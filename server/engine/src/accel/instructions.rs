@@ -7,10 +7,8 @@ use fearless_simd::Level;
 pub enum Instructions {
     /// What every machine of the architecture has: SSE2, NEON.
     Baseline,
-    /// AVX2 and FMA.
+    /// AVX2 and FMA. Machines with AVX-512 use these too: its masks and wider registers made rays a sixth slower.
     Avx2,
-    /// AVX-512 of Ice Lake and later.
-    Avx512,
 }
 
 impl Instructions {
@@ -24,7 +22,6 @@ impl Instructions {
             let best = match self {
                 Instructions::Baseline => sse2(),
                 Instructions::Avx2 => here.as_avx2().map(Simd::level).or_else(sse2),
-                Instructions::Avx512 => Some(here),
             };
             best.unwrap_or(here)
         }
@@ -33,18 +30,14 @@ impl Instructions {
     }
 }
 
-/// Runs `$body` with `$simd` the token of `$level`, compiled for its instructions. Of those of x86-64 three are told
-/// apart: every further one would add a quarter to the time that compiling takes, for machines hardly anyone has.
+/// Runs `$body` with `$simd` the token of `$level`, compiled for its instructions. Of those of x86-64 two are told apart: every
+/// further one would add as much again to the time that compiling takes.
 macro_rules! vectorized {
     ($level:expr, $simd:ident => $body:expr) => {{
         #[cfg(target_arch = "x86_64")]
         {
             use fearless_simd::{Level, Simd as _};
             match $level {
-                Level::Avx512($simd) => $simd.vectorize(
-                    #[inline(always)]
-                    || $body,
-                ),
                 Level::Avx2($simd) => $simd.vectorize(
                     #[inline(always)]
                     || $body,

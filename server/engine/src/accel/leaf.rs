@@ -270,34 +270,44 @@ impl Packet<'_> {
     }
 }
 
-/// A hit that rounding let in although the ray passes beside the triangle: moved onto the triangle's rim, or `None` where
-/// the ray passes by too far, because the triangle is thinner than rounding, or lies in the triangle's plane.
+/// A hit that rounding let in although the ray passes beside the triangle. Where the ray meets the plane far off, or behind
+/// itself, because it nearly lies in it, the hit is moved to where the ray first passes the rim. `None` where the ray
+/// passes farther from the rim than rounding explains, because the triangle is thinner than rounding.
 #[cold]
 #[inline(never)]
 fn on_the_rim(ray: &Shear, corners: [DVec3; 3], hit: TriangleHit) -> Option<TriangleHit> {
-    // Infinite or not a number where the ray lies in the triangle's plane: its neighbours are met instead.
-    if !(hit.t > 0.0 && hit.t < f32::INFINITY) {
-        return None;
-    }
     let [x, y, z] = ray.axes;
-    let origin = ray.origin.as_dvec3();
+    let from_origin = corners.map(|corner| corner - ray.origin.as_dvec3());
     let direction = ray.direction.as_dvec3();
-    let seen = corners.map(|corner| {
-        let from_origin = corner - origin;
-        let t = from_origin[z] / direction[z];
-        DVec3::new(from_origin[x] - t * direction[x], from_origin[y] - t * direction[y], t)
+    let seen = from_origin.map(|corner| {
+        let t = corner[z] / direction[z];
+        DVec3::new(corner[x] - t * direction[x], corner[y] - t * direction[y], t)
     });
-    let low = seen[0].min(seen[1]).min(seen[2]);
-    let high = seen[0].max(seen[1]).max(seen[2]);
-    // Corners are off by the rounding of their shear, which grows with their distance.
-    let reach = corners.map(|corner| (corner - origin).abs().max_element()).into_iter().fold(0.0, f64::max);
+    // Corners are off by the rounding of their shear, which grows with their distance. Boxes leave twice this room.
+    let reach = from_origin.map(|corner| corner.abs().max_element()).into_iter().fold(0.0, f64::max);
     let room = 8.0 * f64::from(f32::EPSILON) * reach;
-    if low.x > room || low.y > room || high.x < -room || high.y < -room {
-        return None;
-    }
-    let t = f64::from(hit.t).max(low.z).min(high.z) as f32;
-    let b1 = hit.b1.clamp(0.0, 1.0);
-    Some(TriangleHit { t, b1, b2: hit.b2.clamp(0.0, 1.0 - b1), ..hit })
+    let passing = [0, 1, 2].map(|from| {
+        let (p, q) = (seen[from], seen[(from + 1) % 3]);
+        let edge = q - p;
+        let share = -p.truncate().dot(edge.truncate()) / edge.truncate().length_squared();
+        // Not a number where the ray runs along the edge: one of its points is as good as another.
+        let share = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
+        let point = p + edge * share;
+        let [b1, b2] = [[share, 0.0], [1.0 - share, share], [0.0, 1.0 - share]][from].map(|b| b as f32);
+        let is_near = point.truncate().length_squared() <= room * room;
+        is_near.then_some(TriangleHit { t: point.z as f32, b1, b2, ..hit })
+    });
+    let passing = passing.into_iter().flatten();
+    let [a, b, c] = from_origin;
+    let on_plane = direction * f64::from(hit.t);
+    let is_in_box = (a.min(b).min(c) - room).cmple(on_plane) & on_plane.cmple(a.max(b).max(c) + room);
+    let found = if hit.t > 0.0 && is_in_box.all() {
+        passing.map(|_| hit).next()
+    } else {
+        passing.filter(|hit| hit.t > 0.0).min_by(|a, b| a.t.total_cmp(&b.t))
+    }?;
+    let b1 = found.b1.clamp(0.0, 1.0);
+    Some(TriangleHit { b1, b2: found.b2.clamp(0.0, 1.0 - b1), ..found })
 }
 
 /// Bit mask of the lanes whose three numbers, none of them zero, have one sign.

@@ -14,6 +14,10 @@ pub(super) const WIDTH: usize = 8;
 /// Marks a child that is a leaf rather than a node.
 pub(super) const LEAF: u32 = 1 << 31;
 
+/// Where a free slot leads: past the end of every tree, so that even a ray of numbers that are none, which may enter what
+/// nothing enters, comes to an end.
+pub(super) const FREE: u32 = 1 << 30;
+
 /// Eight children: 4 cache lines.
 ///
 /// The rows are min x, max x, min y, max y, min z, max z of the children's bounds; then where each child leads, as the
@@ -30,7 +34,7 @@ const CHILD_ROW: usize = 6;
 impl WideNode {
     pub(super) const EMPTY: WideNode = {
         let (low, high) = ([f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]);
-        WideNode { rows: [low, high, low, high, low, high, [0.0; WIDTH], [0.0; WIDTH]] }
+        WideNode { rows: [low, high, low, high, low, high, [f32::from_bits(FREE); WIDTH], [0.0; WIDTH]] }
     };
 
     /// Puts a child into a slot.
@@ -44,7 +48,7 @@ impl WideNode {
 
     /// Empties a slot.
     pub(super) fn clear(&mut self, slot: usize) {
-        self.set(slot, &Aabb { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY }, 0);
+        self.set(slot, &Aabb { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY }, FREE);
     }
 
     /// Where a slot leads; meaningless for a free one.

@@ -12,7 +12,7 @@ use super::{
 };
 
 /// Room for entries on the processor's stack; deeper trees take it from the heap, ray by ray.
-const STACK_INLINE: usize = 96;
+pub(super) const STACK_INLINE: usize = 96;
 
 impl Accel {
     /// The nearest surface along `ray` that `accept` lets count.

@@ -11,7 +11,7 @@ use obvhs::aabb::Aabb;
 
 use super::{
     instance::Instance,
-    node::{LEAF, WIDTH, WideNode},
+    node::{FREE, LEAF, WIDTH, WideNode},
     tree::{LeafKind, Tree},
 };
 
@@ -215,7 +215,7 @@ impl TopTree {
                 let child = node.bounds(*slot);
                 child.union(bounds).half_area() - child.half_area()
             };
-            let free = (0..WIDTH).find(|slot| node.is_free(*slot) && node.child(*slot) == 0);
+            let free = (0..WIDTH).find(|slot| node.is_free(*slot) && node.child(*slot) == FREE);
             let best = node.used().min_by(|a, b| growth(a).total_cmp(&growth(b)));
             match (free, best) {
                 (Some(free), Some(best)) if growth(&best) >= bounds.half_area() => return (at, free as u32),

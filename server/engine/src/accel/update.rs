@@ -38,7 +38,10 @@ impl Accel {
         next.report.trees_built = trees_built;
         let moved_only = change.nodes.iter().all(|id| {
             let shows = scene.nodes().get(id).is_some_and(|node| next.shows(node.mesh.as_ref()));
-            shows == self.numbers.contains_key(id)
+            match self.numbers.get(id) {
+                Some(number) => shows && self.keeps_its_place(scene, *number),
+                None => !shows,
+            }
         });
         let mut top = None;
         if moved_only {
@@ -86,7 +89,7 @@ impl Accel {
             numbers: Arc::default(),
             top: Arc::new(Top::new(TopTree::build(&[]))),
             restorer,
-            level: Instructions::Avx512.level(),
+            level: Instructions::Avx2.level(),
             bottom_stack_need: 0,
             radius: 0.0,
             report: AccelReport { trees_built, ..AccelReport::default() },
@@ -144,6 +147,16 @@ impl Accel {
         self.instances = instances;
         self.count();
         top
+    }
+
+    /// False for an instance whose node was removed and added again, which put it at the scene's end. All instances keep
+    /// their order when each that was touched still stands between its neighbours.
+    fn keeps_its_place(&self, scene: &Scene, number: u32) -> bool {
+        let neighbours = (number.saturating_sub(1)..=number + 1).filter_map(|number| {
+            let instance = self.instances.get(number as usize)?;
+            scene.nodes().get_index_of(instance.node_id())
+        });
+        neighbours.is_sorted()
     }
 
     /// Nodes that show something, in the scene's order, with what they show.

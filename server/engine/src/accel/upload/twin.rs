@@ -6,7 +6,7 @@
 use glam::{Mat3, Vec3};
 
 use super::*;
-use crate::accel::{Hit, Ray, STACK_INLINE};
+use crate::accel::{Hit, Ray, query::STACK_INLINE};
 
 /// Directions whose components differ by more are tilted by as much, as on the CPU.
 const FLATTEST: f32 = 1e-12;
