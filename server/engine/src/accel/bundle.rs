@@ -52,8 +52,11 @@ impl Bundle {
         let mut direction = [[0.0; RAYS]; 3];
         let (mut low, mut high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
         let (mut origin_low, mut origin_high) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        // Stays zero unless something is infinite or not a number, which minima and maxima may forget.
+        let mut odd = Vec3A::ZERO;
         for (index, ray) in rays.iter().enumerate() {
             let (o, d) = (Vec3A::from(ray.origin), Vec3A::from(ray.direction));
+            odd += o * 0.0 + d * 0.0;
             (low, high) = (low.min(d), high.max(d));
             (origin_low, origin_high) = (origin_low.min(o), origin_high.max(o));
             for axis in 0..3 {
@@ -62,7 +65,9 @@ impl Bundle {
             }
         }
         let longest = low.abs().max(high.abs()).max_element();
-        // Also refuses what is not a number.
+        if odd != Vec3A::ZERO || rays.iter().any(|ray| ray.t_max.is_nan()) {
+            return None;
+        }
         if !((high - low).max_element() <= SPREAD_MAX * longest) {
             return None;
         }

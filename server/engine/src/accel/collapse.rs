@@ -8,7 +8,7 @@ use obvhs::bvh2::Bvh2;
 
 use super::{node::WIDTH, tree::LeafKind};
 
-/// What visiting a node or testing a leaf costs by the surface area heuristic, for whatever lies below.
+/// What visiting a node costs by the surface area heuristic: the unit.
 const NODE_COST: f32 = 1.0;
 
 /// How many ways there are to stand for a binary node: by at most 1 … 7 children.

@@ -29,6 +29,8 @@ pub struct Instance {
     bounds_in_world: scene::Aabb,
     /// What rounding may move a ray by on its way into mesh space, in render space.
     slack: f32,
+    /// By how much the way there and back magnifies rounding; 1 for an instance that is only moved.
+    condition: f32,
     handedness: f32,
     /// The mesh is moved, but neither turned nor scaled: directions stay as they are.
     is_only_moved: bool,
@@ -84,6 +86,7 @@ impl Instance {
             normal_from_mesh: normal_from_mesh.as_mat3(),
             bounds_in_world,
             slack: slack as f32,
+            condition: condition as f32,
             is_only_moved: linear == DMat3::IDENTITY,
             absolute: absolute(linear).as_mat3(),
             handedness: if linear.determinant() < 0.0 { -1.0 } else { 1.0 },
@@ -119,6 +122,10 @@ impl Instance {
 
     pub(super) fn bounds_in_world(&self) -> &scene::Aabb {
         &self.bounds_in_world
+    }
+
+    pub(super) fn condition(&self) -> f32 {
+        self.condition
     }
 
     /// Box around a box of mesh space, with room for the rounding of rays.

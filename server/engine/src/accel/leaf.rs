@@ -110,7 +110,7 @@ pub(super) struct Packet<'a> {
 
 impl Leaves {
     pub(super) fn with_capacity(triangles: usize) -> Leaves {
-        Leaves { rows: Vec::with_capacity((triangles + WIDTH) * ROWS) }
+        Leaves { rows: Vec::with_capacity(triangles * ROWS + (ROWS + 1) * WIDTH) }
     }
 
     /// Packs up to eight triangles of a mesh and returns the leaf's number.
@@ -134,7 +134,6 @@ impl Leaves {
     /// To be called after the last leaf: reading the last packet's rows must not leave the allocation.
     pub(super) fn finish(&mut self) {
         self.rows.resize(self.rows.len() + (ROWS + 1) * WIDTH, 0.0);
-        self.rows.shrink_to_fit();
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -283,7 +282,7 @@ fn on_the_rim(ray: &Shear, corners: [DVec3; 3], hit: TriangleHit) -> Option<Tria
         let t = corner[z] / direction[z];
         DVec3::new(corner[x] - t * direction[x], corner[y] - t * direction[y], t)
     });
-    // Corners are off by the rounding of their shear, which grows with their distance. Boxes leave twice this room.
+    // Corners are off by the rounding of their shear, which grows with their distance. Boxes leave more room than this.
     let reach = from_origin.map(|corner| corner.abs().max_element()).into_iter().fold(0.0, f64::max);
     let room = 8.0 * f64::from(f32::EPSILON) * reach;
     let passing = [0, 1, 2].map(|from| {

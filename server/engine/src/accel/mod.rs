@@ -9,7 +9,7 @@
 //! Transforms are composed in double precision, and instances are met in their own space, so a scene 100 km from the
 //! world's origin is as exact as one at it. Where a ray meets a triangle is computed in double precision.
 //!
-//! Imports `math` and `scene`.
+//! Imports `scene`.
 
 mod bottom;
 mod bundle;
@@ -18,7 +18,6 @@ mod instance;
 mod instructions;
 mod leaf;
 mod node;
-mod prefetch;
 mod query;
 mod ray;
 mod restore;
@@ -58,6 +57,9 @@ pub struct AccelReport {
     pub bytes: usize,
     /// Nodes and leaves of the top tree that a ray through the scene visits in the mean, by the surface area heuristic.
     pub top_sah_cost: f32,
+    /// That cost after the last edit relative to when the tree was built: at 1.3 it is restored in the background, at 2 it
+    /// is built again at once.
+    pub top_growth: f32,
 }
 
 /// The whole scene as rays see it. Immutable: an edit makes a new one that shares what stayed.
@@ -74,6 +76,8 @@ pub struct Accel {
     level: Level,
     /// Entries that a walk through the deepest mesh may have waiting at once.
     bottom_stack_need: usize,
+    /// Rounding on the way into the space of the most sheared instance, relative to the ray's origin.
+    shear_rounding: f32,
     radius: f32,
     report: AccelReport,
 }
@@ -96,7 +100,12 @@ impl Accel {
 
     /// What building took and holds.
     pub fn report(&self) -> AccelReport {
-        self.report
+        let bottoms = self.bottoms.values().map(|(_, bottom)| bottom.bytes());
+        AccelReport {
+            bytes: bottoms.sum::<usize>() + self.top.bytes(),
+            top_sah_cost: self.top.tree().tree().sah_cost(),
+            ..self.report
+        }
     }
 
     /// Turns a world position into render space.

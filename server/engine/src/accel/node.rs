@@ -173,6 +173,17 @@ impl Slab {
         }
     }
 
+    /// With more room around boxes.
+    #[inline(always)]
+    pub(super) fn widened(&self, room: f32) -> Slab {
+        Slab {
+            near_shift: self.near_shift + self.near_scale.abs() * room,
+            far_shift: self.far_shift - self.far_scale.abs() * room,
+            room: self.room + room,
+            ..*self
+        }
+    }
+
     /// Room left around boxes, in the space of the tree.
     #[inline(always)]
     pub(super) fn room(&self) -> f32 {
@@ -197,6 +208,6 @@ impl Slab {
 pub(super) fn inverse_of(direction: Vec3) -> Vec3A {
     let direction = Vec3A::from(direction);
     let size = direction.abs();
-    let smallest = Vec3A::splat(size.max_element() * FLATTEST);
+    let smallest = Vec3A::splat((size.max_element() * FLATTEST).max(4.0 * f32::MIN_POSITIVE));
     Vec3A::ONE / size.max(smallest).copysign(direction)
 }

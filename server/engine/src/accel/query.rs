@@ -1,6 +1,7 @@
 //! Questions asked of the whole scene: the nearest surface, any surface, the nearest for many rays.
 
 use fearless_simd::{Simd, SimdBase, f32x8};
+use glam::Vec3;
 
 use super::{
     Accel, Hit, Ray,
@@ -8,6 +9,7 @@ use super::{
     instructions::vectorized,
     leaf::Shear,
     node::{Slab, inverse_of},
+    top::TopTree,
     tree::Entry,
 };
 
@@ -38,7 +40,7 @@ impl Accel {
 
     /// [`Accel::closest_hit`] of every ray, with the same answers, in the same order.
     ///
-    /// Every eight rays that follow each other and go the same way are walked as one, which takes a third of the time for
+    /// Every eight rays that follow each other and go the same way are walked as one, which takes less than half the time for
     /// neighbouring pixels; others are walked alone. Missing hits are `None`; `hits` is as long as `rays`, or the shorter
     /// of both counts.
     pub fn closest_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>], accept: impl Fn(&Hit) -> bool) {
@@ -79,9 +81,10 @@ impl Accel {
         let top = self.top.tree();
         let mut inline = [Entry::default(); STACK_INLINE];
         let mut heap = Vec::new();
-        let stack = self.stack(&mut inline, &mut heap);
+        let stack = self.stack(top, &mut inline, &mut heap);
         let inverse = inverse_of(ray.direction);
-        let slab_in_render = Slab::new(ray.origin, inverse, top.tree().bounds());
+        let slab_in_render =
+            Slab::new(ray.origin, inverse, top.tree().bounds()).widened(self.room_for_transforms(ray.origin));
         let shear_in_render = Shear::new(ray, inverse);
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
@@ -132,10 +135,12 @@ impl Accel {
         accept: &impl Fn(&Hit) -> bool,
     ) -> Option<[Hit; RAYS]> {
         let top = self.top.tree();
+        let farthest_origin = rays.iter().fold(Vec3::ZERO, |a, ray| a.max(ray.origin.abs()));
         let bundle = Bundle::new(simd, rays, top.tree().bounds())?;
+        let slab_in_render = bundle.slab().widened(self.room_for_transforms(farthest_origin));
         let mut inline = [Entry::default(); STACK_INLINE];
         let mut heap = Vec::new();
-        let stack = self.stack(&mut inline, &mut heap);
+        let stack = self.stack(top, &mut inline, &mut heap);
         let mut closest = [Hit::NONE; RAYS];
         let mut t_max = rays.map(|ray| ray.t_max);
         let mut entered = u32::MAX;
@@ -145,7 +150,7 @@ impl Accel {
         top.tree().walk::<S, true>(
             simd,
             0,
-            bundle.slab(),
+            &slab_in_render,
             &mut farthest,
             stack,
             #[inline(always)]
@@ -222,10 +227,17 @@ impl Accel {
         Some(closest)
     }
 
+    /// What the way of a ray from `origin` into the space of the most sheared instance may round by, beyond what boxes
+    /// leave room for anyway.
+    #[inline(always)]
+    fn room_for_transforms(&self, origin: Vec3) -> f32 {
+        self.shear_rounding * origin.abs().max_element()
+    }
+
     /// Room for all that a walk may have waiting at once.
     #[inline(always)]
-    fn stack<'a>(&self, inline: &'a mut [Entry], heap: &'a mut Vec<Entry>) -> &'a mut [Entry] {
-        let need = self.top.tree().tree().stack_need() + self.bottom_stack_need;
+    fn stack<'a>(&self, top: &TopTree, inline: &'a mut [Entry], heap: &'a mut Vec<Entry>) -> &'a mut [Entry] {
+        let need = top.tree().stack_need() + self.bottom_stack_need;
         if need <= inline.len() {
             inline
         } else {

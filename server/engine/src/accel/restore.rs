@@ -16,7 +16,18 @@ impl Top {
         Top { built, better: OnceLock::new() }
     }
 
-    /// The best there is now.
+    /// True once the better tree is there.
+    #[cfg(test)]
+    pub(super) fn is_restored(&self) -> bool {
+        self.better.get().is_some()
+    }
+
+    /// Bytes of both.
+    pub(super) fn bytes(&self) -> usize {
+        self.built.bytes() + self.better.get().map_or(0, TopTree::bytes)
+    }
+
+    /// The best there is now. To be asked once per walk: the next answer may be another tree.
     #[inline(always)]
     pub(super) fn tree(&self) -> &TopTree {
         self.better.get().unwrap_or(&self.built)
@@ -37,14 +48,23 @@ struct State {
 }
 
 impl Restorer {
-    /// Has a better tree built for `top` on the current thread pool, soon. A tree that nobody holds any more is skipped.
+    /// Has a better tree built for `top` by one thread of its own, so that edits do not wait for it. A tree that nobody holds
+    /// any more is skipped; where no thread is to be had, the worn tree stays.
     pub(super) fn restore(self: &Arc<Self>, top: &Arc<Top>, instances: &[Arc<Instance>]) {
         let mut state = self.lock();
         state.wanted = Some((Arc::downgrade(top), instances.to_vec()));
         if !state.is_running {
-            state.is_running = true;
             let restorer = self.clone();
-            rayon::spawn(move || restorer.run());
+            let thread = std::thread::Builder::new().name("restorer".into());
+            state.is_running = thread.spawn(move || restorer.run_alone()).is_ok();
+        }
+    }
+
+    /// Parallel parts of the build stay on this thread, away from the pools that draw and edit.
+    fn run_alone(&self) {
+        match rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build() {
+            Ok(pool) => pool.install(|| self.run()),
+            Err(_) => self.run(),
         }
     }
 

@@ -3,7 +3,7 @@
 //! Instances that overlap would be walked one after the other from their roots, so the build *opens* the largest: in
 //! place of an instance stand the subtrees of its mesh's tree [Benthin2017]. A moved instance takes its subtrees along,
 //! an added one is put where it enlarges the tree least, a removed one leaves its slots free: work in proportion to the
-//! instances touched and the tree's depth. What that costs later rays is watched by the surface area heuristic.
+//! instances touched and the tree's depth, besides a few passes over plain lists. What that costs later rays is watched by the surface area heuristic.
 
 use std::{collections::BinaryHeap, sync::Arc};
 
@@ -23,6 +23,23 @@ const PARTS_PER_INSTANCE: usize = 4;
 const PARTS_MIN: usize = 512;
 /// A tree whose cost has grown by this factor over edits is worth building again.
 const WORN: f32 = 1.3;
+/// One whose cost has grown by this factor is built again at once: edits come faster than it is restored.
+const WORN_OUT: f32 = 2.0;
+
+/// The same for the share of parts that are gone and only take up room.
+const GONE_WORN: f32 = 0.5;
+const GONE_OUT: f32 = 0.75;
+
+/// How much worse edits have made a tree than it was when it was built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wear {
+    /// Not worth a thought.
+    Little,
+    /// Worth building again in the background.
+    Worn,
+    /// Not fit for use.
+    Out,
+}
 
 /// A subtree of an instance's mesh, as the top tree's leaves name it.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +67,8 @@ pub(super) struct TopTree {
     parts_of: Vec<(u32, u32)>,
     /// Cost when it was built.
     cost_built: f32,
+    /// Parts that were removed.
+    gone: usize,
 }
 
 /// A part that may be opened, largest first.
@@ -97,7 +116,7 @@ impl TopTree {
         }
         let boxes = found.iter().map(|part| part.local).collect();
         let cost_built = tree.sah_cost();
-        TopTree { tree, parts, boxes, parents, parts_of, cost_built }
+        TopTree { tree, parts, boxes, parents, parts_of, cost_built, gone: 0 }
     }
 
     pub(super) fn tree(&self) -> &Tree {
@@ -116,10 +135,22 @@ impl TopTree {
             + (self.parents.len() + self.parts_of.len()) * size_of::<(u32, u32)>()
     }
 
-    /// True when edits have made it so much worse that it should be built again.
-    pub(super) fn is_worn(&self) -> bool {
-        let gone = self.parts.iter().filter(|part| part.node == GONE).count();
-        self.tree.sah_cost() > WORN * self.cost_built || gone > self.parts.len() / 2
+    /// What visiting it costs now, relative to when it was built.
+    pub(super) fn growth(&self) -> f32 {
+        self.tree.sah_cost() / self.cost_built.max(f32::MIN_POSITIVE)
+    }
+
+    /// How much worse edits have made it.
+    pub(super) fn wear(&self) -> Wear {
+        let growth = self.growth();
+        let gone = self.gone as f32 / self.parts.len().max(1) as f32;
+        if growth > WORN_OUT || gone > GONE_OUT {
+            Wear::Out
+        } else if growth > WORN || gone > GONE_WORN {
+            Wear::Worn
+        } else {
+            Wear::Little
+        }
     }
 
     /// The instance stands elsewhere: its parts' bounds are fitted, and those above them.
@@ -137,6 +168,7 @@ impl TopTree {
         for part in self.parts_range(index) {
             let Part { node, slot, .. } = self.parts[part];
             self.parts[part].node = GONE;
+            self.gone += 1;
             self.tree.node_mut(node).clear(slot as usize);
             self.fit_above(node);
         }

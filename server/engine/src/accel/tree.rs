@@ -12,7 +12,6 @@ use obvhs::{
 use super::{
     collapse::{Chosen, Collapse},
     node::{LEAF, Slab, WIDTH, WideNode},
-    prefetch::prefetch,
 };
 
 /// A tree over leaves that its owner knows by number.
@@ -168,14 +167,6 @@ impl Tree {
         self.nodes.len() * size_of::<WideNode>()
     }
 
-    /// Has a node fetched that will be visited later.
-    #[inline(always)]
-    fn prefetch(&self, child: u32) {
-        if let Some(node) = self.nodes.get(child as usize) {
-            prefetch(std::slice::from_ref(node));
-        }
-    }
-
     /// Walks the leaves below `start` that `slab` enters before `t_max` and calls `visit` with each leaf and the unused
     /// part of the stack. `visit` may lower `t_max` and ends the walk by returning true. Nearer children come first where
     /// `NEAREST_FIRST`; where any hit will do, sorting costs more than it saves.
@@ -209,7 +200,6 @@ impl Tree {
                         let slot = entered.trailing_zeros() as usize;
                         entered &= entered - 1;
                         let next = entry(t_near[slot % WIDTH], node.child(slot));
-                        self.prefetch(node.child(slot));
                         if !NEAREST_FIRST {
                             stack[height] = next;
                             height += 1;

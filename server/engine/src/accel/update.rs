@@ -11,7 +11,7 @@ use super::{
     instance::Instance,
     instructions::Instructions,
     restore::{Restorer, Top},
-    top::TopTree,
+    top::{TopTree, Wear},
 };
 use crate::scene::{Aabb, Id, Mesh, Scene, SceneChange};
 
@@ -64,9 +64,13 @@ impl Accel {
         }
         if let Some(mut top) = top {
             top.finish();
-            let is_worn = top.is_worn();
+            let wear = top.wear();
+            next.report.top_growth = top.growth();
+            if wear == Wear::Out {
+                top = TopTree::build(&next.instances);
+            }
             next.top = Arc::new(Top::new(top));
-            if is_worn {
+            if wear == Wear::Worn {
                 next.restorer.restore(&next.top, &next.instances);
             }
         }
@@ -91,6 +95,7 @@ impl Accel {
             restorer,
             level: Instructions::Avx2.level(),
             bottom_stack_need: 0,
+            shear_rounding: 0.0,
             radius: 0.0,
             report: AccelReport { trees_built, ..AccelReport::default() },
         };
@@ -197,10 +202,8 @@ impl Accel {
             corner.length() as f32 * (1.0 + f32::EPSILON)
         };
         self.radius = self.instances.iter().map(reach).fold(0.0, f32::max);
-        let top = self.top.tree();
-        self.report.bytes =
-            self.bottoms.values().map(|(_, bottom)| bottom.bytes()).sum::<usize>() + top.bytes();
-        self.report.top_sah_cost = top.tree().sah_cost();
+        let conditions = self.instances.iter().map(|instance| instance.condition());
+        self.shear_rounding = (conditions.fold(1.0, f32::max) - 1.0) * 8.0 * f32::EPSILON;
         self.report.build_seconds = start.elapsed().as_secs_f64();
     }
 }

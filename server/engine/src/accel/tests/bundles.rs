@@ -114,3 +114,34 @@ fn no_bundle_escapes_from_a_closed_mesh() {
         assert!(hits.iter().all(Option::is_some), "{eight:?}");
     }
 }
+
+/// A ray that is none changes nothing for the seven it comes with, whichever of the eight it is.
+#[test]
+fn odd_rays_leave_their_neighbours_alone() {
+    let mut numbers = Numbers(83);
+    let scene = scene_of(|grey| samples::sphere(DVec3::ZERO, 1.0, 16, grey));
+    let accel = Accel::build(&scene);
+    let good = Ray::new(Vec3::new(0.1, 0.2, 0.3), numbers.direction());
+    let odd = [
+        Ray { origin: Vec3::new(f32::NAN, 0.0, 0.0), ..good },
+        Ray { origin: Vec3::new(0.0, f32::INFINITY, 0.0), ..good },
+        Ray { direction: Vec3::new(0.0, f32::NAN, 1.0), ..good },
+        Ray { direction: Vec3::ZERO, ..good },
+        Ray { direction: Vec3::splat(f32::INFINITY), ..good },
+        Ray { t_max: f32::NAN, ..good },
+        Ray { t_max: -1.0, ..good },
+        Ray { t_max: 0.5, ..good },
+    ];
+    for odd in odd {
+        for at in 0..RAYS {
+            let mut eight = [good; RAYS];
+            eight[at] = odd;
+            let mut hits = [None; RAYS];
+            accel.closest_hits(&eight, &mut hits, |_| true);
+            for (index, (ray, hit)) in eight.iter().zip(hits).enumerate() {
+                assert_eq!(hit, accel.closest_hit(ray, |_| true), "{odd:?} at {at}: ray {index}");
+                assert_eq!(hit.is_some(), index != at);
+            }
+        }
+    }
+}

@@ -12,9 +12,9 @@ use crate::scene::{Node, SceneBuilder, SceneChange, SceneLimits};
 /// that does much else.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Balls in a square of 16 × 16, and the same scene with all but those at its corners in each other's places: the
-/// bounds stay, the old tree's boxes all grow to the whole.
-fn ordered_and_shuffled() -> (Scene, Scene, SceneChange) {
+/// Balls in a square of 16 × 16, and the same scene with `count` of them, but none at a corner, in each other's places: the
+/// bounds stay, the old tree's boxes grow.
+fn ordered_and_shuffled(count: usize) -> (Scene, Scene, SceneChange) {
     let mut numbers = Numbers(149);
     let (mut stage, grey) = stage_with_grey();
     let at = |i: usize| DAffine3::from_translation(DVec3::new((i % 16) as f64, (i / 16) as f64, 0.0));
@@ -25,8 +25,8 @@ fn ordered_and_shuffled() -> (Scene, Scene, SceneChange) {
     }
     let ordered = stage.finish();
     let mut to: Vec<usize> = (0..256).collect();
-    for i in (1..255).rev() {
-        to.swap(i, 1 + numbers.index(i));
+    for _ in 0..count {
+        to.swap(1 + numbers.index(254), 1 + numbers.index(254));
     }
     let mut builder = SceneBuilder::from_scene(&ordered, SceneLimits::default());
     for (i, to) in to.iter().enumerate() {
@@ -45,42 +45,58 @@ fn answers(accel: &Accel, rays: &[Ray]) -> Vec<Option<Hit>> {
     rays.iter().map(|ray| accel.closest_hit(ray, |_| true)).collect()
 }
 
+/// The least shuffling that wears the tree, but not out.
+fn worn() -> (Accel, Scene, Scene, SceneChange) {
+    (1..200)
+        .find_map(|count| {
+            let (ordered, shuffled, change) = ordered_and_shuffled(count);
+            let worn = Accel::build(&ordered).updated(&shuffled, &change);
+            let is_worn = (1.3..2.0).contains(&worn.report().top_growth);
+            is_worn.then_some((worn, ordered, shuffled, change))
+        })
+        .expect("some shuffling wears a tree")
+}
+
 fn wait_until_restored(accel: &Accel) {
     let start = Instant::now();
-    while accel.top.tree().is_worn() {
+    while !accel.top.is_restored() {
         assert!(start.elapsed() < PATIENCE, "the worn tree was not restored");
         std::thread::yield_now();
     }
 }
 
-/// The pool's only thread makes the edit and asks the worn tree; only then has it time to restore it.
+/// The restored tree costs what a fresh one does, and gives the worn one's answers.
 #[test]
 fn a_worn_tree_is_restored_and_answers_as_before() {
-    let (ordered, shuffled, change) = ordered_and_shuffled();
-    let first = Accel::build(&ordered);
+    let (worn, _, shuffled, _) = worn();
     let rays = rays();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let (worn, before) = pool.install(|| {
-        let worn = first.updated(&shuffled, &change);
-        assert!(worn.top.tree().is_worn(), "the edit must wear the tree out to test anything");
-        let before = answers(&worn, &rays);
-        (worn, before)
-    });
+    let before = answers(&worn, &rays);
     wait_until_restored(&worn);
     let hits = before.iter().flatten().count();
     assert!(hits > 300, "balls must be hit to test anything: {hits}");
     assert_eq!(answers(&worn, &rays), before);
-    assert_eq!(answers(&Accel::build(&shuffled), &rays), before);
+    let fresh = Accel::build(&shuffled);
+    assert_eq!(answers(&fresh, &rays), before);
+    assert_eq!(worn.report().top_sah_cost, fresh.report().top_sah_cost);
+}
+
+/// An edit that ruins the tree has it built again at once: edits that come faster than trees are restored cannot make it
+/// worse without end.
+#[test]
+fn a_tree_that_is_worn_out_is_built_at_once() {
+    let (ordered, shuffled, change) = ordered_and_shuffled(2000);
+    let updated = Accel::build(&ordered).updated(&shuffled, &change);
+    assert!(updated.report().top_growth > 2.0, "{}", updated.report().top_growth);
+    assert_eq!(updated.report().top_sah_cost, Accel::build(&shuffled).report().top_sah_cost);
 }
 
 /// Rays on their way while the better tree takes the old one's place get the same answers as all others.
 #[test]
 fn rays_on_their_way_do_not_notice() {
-    let (ordered, shuffled, change) = ordered_and_shuffled();
-    let first = Accel::build(&ordered);
+    let (_, ordered, shuffled, change) = worn();
     let rays = rays();
     let expected = answers(&Accel::build(&shuffled), &rays);
-    let worn = first.updated(&shuffled, &change);
+    let worn = Accel::build(&ordered).updated(&shuffled, &change);
     let is_restored = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for _ in 0..2 {
@@ -100,10 +116,10 @@ fn rays_on_their_way_do_not_notice() {
     });
 }
 
-/// Of many edits in a row the last one's tree is restored, and edits go on from a restored tree as from any other.
+/// Edits go on from a restored tree as from any other, and none leaves a ruined one.
 #[test]
 fn edits_go_on_while_trees_are_restored() {
-    let (ordered, shuffled, change) = ordered_and_shuffled();
+    let (ordered, shuffled, change) = ordered_and_shuffled(2000);
     let mut numbers = Numbers(157);
     let mut scene = ordered.clone();
     let mut accel = Accel::build(&scene);
@@ -125,6 +141,9 @@ fn edits_go_on_while_trees_are_restored() {
             super::edits::assert_as_built(&accel, &scene, &mut numbers, 300, &format!("round {round}"));
         }
     }
-    wait_until_restored(&accel);
-    super::edits::assert_as_built(&accel, &scene, &mut numbers, 300, "the last restoration");
+    super::edits::assert_as_built(&accel, &scene, &mut numbers, 300, "the last");
+    assert!(
+        accel.report().top_growth < 2.0
+            || accel.report().top_sah_cost < 2.0 * Accel::build(&scene).report().top_sah_cost
+    );
 }
