@@ -14,7 +14,7 @@ pub(crate) const RAY_COUNT: usize = (SIZE[0] * SIZE[1]) as usize;
 /// Side of the tiles that a picture is made in.
 const TILE: u32 = 16;
 /// Blocks of pixels within a tile: eight rays that fit one packet, as the path tracer asks for them.
-const BLOCK: [u32; 2] = [8, 1];
+const BLOCK: [u32; 2] = [4, 2];
 /// Side of the lamps that shadow rays run to, metres, unless the scene is smaller.
 const LAMP_M: f64 = 1.0;
 

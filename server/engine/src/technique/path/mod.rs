@@ -20,6 +20,7 @@ mod view;
 
 use std::sync::atomic::Ordering;
 
+use glam::UVec2;
 use rayon::prelude::*;
 
 pub use view::View;
@@ -27,7 +28,7 @@ pub use view::View;
 use super::{Bias, Card, Counts, Progress, Step, Technique};
 use crate::{
     accel::Ray,
-    film::{Film, PictureSize, PixelSample, Tile},
+    film::{Film, PictureSize, Tile},
     math::sobol::PixelSampler,
     scene::SceneChange,
     transport::{PathClass, ShadowRay, World},
@@ -163,21 +164,42 @@ pub fn rays_of_a_pass(
 fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
     // Even and odd passes draw from sequences of their own: the two halves of the film must be independent.
     let (sequence, index) = (tile.passes() & 1, tile.passes() >> 1);
-    let (origin, end) = (tile.origin(), tile.origin() + tile.size());
-    let pixels = (origin.y..end.y).flat_map(|y| (origin.x..end.x).map(move |x| (x, y)));
+    let (origin, size) = (tile.origin(), tile.size());
+    let pixels = pixels_in_blocks(size);
     let samplers: Vec<PixelSampler> = pixels
-        .clone()
-        .map(|(x, y)| PixelSampler::new(tracer.settings.seed, sequence, y * width + x, index))
+        .iter()
+        .map(|pixel| {
+            let pixel = *pixel + origin;
+            PixelSampler::new(tracer.settings.seed, sequence, pixel.y * width + pixel.x, index)
+        })
         .collect();
     // The first rays of neighbouring pixels go almost the same way: asked for together, they take half the time.
-    let rays: Vec<Ray> =
-        pixels.zip(&samplers).map(|((x, y), sampler)| tracer.primary_ray(x, y, sampler)).collect();
+    let rays: Vec<Ray> = pixels
+        .iter()
+        .zip(&samplers)
+        .map(|(pixel, sampler)| tracer.primary_ray(pixel.x + origin.x, pixel.y + origin.y, sampler))
+        .collect();
     let mut met = vec![None; rays.len()];
     tracer.world.closest_hits(&rays, &mut met);
-    let mut starts = samplers.iter().zip(&rays).zip(met);
-    tile.add_pass(|_, _| {
-        starts
-            .next()
-            .map_or(PixelSample::BLACK, |((sampler, ray), met)| tracer.sample_pixel(ray, met, sampler, tally))
+    let mut place = vec![0; pixels.len()];
+    for (at, pixel) in pixels.iter().enumerate() {
+        place[(pixel.y * size.x + pixel.x) as usize] = at;
+    }
+    tile.add_pass(|x, y| {
+        let at = place[((y - origin.y) * size.x + x - origin.x) as usize];
+        tracer.sample_pixel(&rays[at], met[at], &samplers[at], tally)
     });
+}
+
+/// The pixels of a tile, eight that lie together after eight that lie together.
+fn pixels_in_blocks(size: UVec2) -> Vec<UVec2> {
+    const BLOCK: UVec2 = UVec2::new(4, 2);
+    let mut pixels = Vec::with_capacity((size.x * size.y) as usize);
+    for top in (0..size.y).step_by(BLOCK.y as usize) {
+        for left in (0..size.x).step_by(BLOCK.x as usize) {
+            let end = (UVec2::new(left, top) + BLOCK).min(size);
+            pixels.extend((top..end.y).flat_map(|y| (left..end.x).map(move |x| UVec2::new(x, y))));
+        }
+    }
+    pixels
 }
