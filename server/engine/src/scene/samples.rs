@@ -68,7 +68,8 @@ pub fn sphere(centre: DVec3, radius_m: f64, rings: u32, material: &Id) -> MeshSo
     mesh
 }
 
-fn mesh_of(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>, material: &Id) -> MeshSource {
+/// A mesh of one material.
+pub(crate) fn mesh_of(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>, material: &Id) -> MeshSource {
     let primitives = vec![Primitive {
         first_triangle: 0,
         triangle_count: triangles.len() as u32,

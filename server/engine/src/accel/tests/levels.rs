@@ -15,7 +15,11 @@ fn assert_same_on_every_level(name: &str, scene: &Scene, rays: &[Ray]) {
     let expected = answers(Instructions::Baseline);
     let hits = expected.iter().filter(|(hit, _)| hit.is_some()).count();
     assert!(hits > rays.len() / 20, "{name} must be hit often to test anything: {hits}");
-    // On a machine without AVX2 this compares the baseline with itself.
+    let kind = |instructions: Instructions| std::mem::discriminant(&instructions.level());
+    if kind(Instructions::Avx2) == kind(Instructions::Baseline) {
+        println!("SKIPPED {name}: this machine has no more than the baseline's instructions");
+        return;
+    }
     for (ray, (found, expected)) in rays.iter().zip(answers(Instructions::Avx2).iter().zip(&expected)) {
         assert_eq!(found, expected, "{name}: {ray:?}");
     }

@@ -22,8 +22,8 @@ use super::{
 };
 use crate::math::Rgb;
 use crate::scene::{
-    Id, Material, MeshSource, Primitive, Scene,
-    samples::{self, Stage},
+    Id, Material, MeshSource, Scene,
+    samples::{self, Stage, mesh_of},
 };
 
 /// The large counts of rays, minutes instead of seconds.
@@ -81,15 +81,6 @@ pub(super) fn stage_with_grey() -> (Stage, Id) {
     let mut stage = Stage::default();
     let grey = stage.material("grey", Material::lambert(Rgb::splat(0.5))).unwrap();
     (stage, grey)
-}
-
-fn mesh_of(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>, material: &Id) -> MeshSource {
-    let primitives = vec![Primitive {
-        first_triangle: 0,
-        triangle_count: triangles.len() as u32,
-        material: material.clone(),
-    }];
-    MeshSource { positions, triangles, primitives, ..MeshSource::default() }
 }
 
 /// Triangles that share no vertices.
