@@ -4,11 +4,12 @@
 
 use fearless_simd::Simd;
 use obvhs::aabb::Aabb;
+use rayon::prelude::*;
 
 use super::{
     leaf::{LEAF_MAX, Leaves, Shear, TriangleHit},
     node::Slab,
-    tree::{Entry, LeafKind, Tree},
+    tree::{Entry, LeafKind, PARALLEL_MIN, Tree},
 };
 use crate::scene::Mesh;
 
@@ -24,18 +25,15 @@ pub(super) struct BottomTree {
 
 impl BottomTree {
     pub(super) fn build(mesh: &Mesh) -> BottomTree {
-        let bounds: Vec<Aabb> = mesh
-            .triangles()
-            .iter()
-            .map(|triangle| {
-                let [a, b, c] = triangle.map(|vertex| mesh.positions()[vertex as usize].into());
-                Aabb::from_points(&[a, b, c])
-            })
-            .collect();
+        let bounds_of = |triangle: &[u32; 3]| {
+            let [a, b, c] = triangle.map(|vertex| mesh.positions()[vertex as usize].into());
+            Aabb::from_points(&[a, b, c])
+        };
+        let triangles = mesh.triangles().par_iter().with_min_len(PARALLEL_MIN);
+        let bounds: Vec<Aabb> = triangles.map(bounds_of).collect();
         let kind = LeafKind { members_max: LEAF_MAX as u32, cost: LEAF_COST };
-        let mut leaves = Leaves::with_capacity(bounds.len());
-        let tree = Tree::build(&bounds, kind, |triangles| leaves.push(mesh, triangles));
-        leaves.finish();
+        let (tree, order) = Tree::build(&bounds, kind);
+        let leaves = Leaves::pack(mesh, &order);
         BottomTree { tree, leaves }
     }
 

@@ -2,11 +2,18 @@
 //!
 //! Which binary nodes become nodes, which become leaves and which vanish into their parent is chosen by dynamic
 //! programming from the leaves up: for every binary node, what it costs to stand for its triangles with at most one, two …
-//! seven children of some node above.
+//! seven children of some node above. Costs are needed by the parent alone and live on a stack; what is kept is the
+//! choice, four bytes a node.
+
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use obvhs::bvh2::Bvh2;
+use rayon::prelude::*;
 
-use super::{node::WIDTH, tree::LeafKind};
+use super::{
+    node::WIDTH,
+    tree::{LeafKind, PARALLEL_MIN},
+};
 
 /// What visiting a node costs by the surface area heuristic: the unit.
 const NODE_COST: f32 = 1.0;
@@ -14,22 +21,49 @@ const NODE_COST: f32 = 1.0;
 /// How many ways there are to stand for a binary node: by at most 1 … 7 children.
 const WAYS: usize = WIDTH - 1;
 
+/// Subtrees that threads share out among themselves: enough that two or sixteen are done at about the same time although
+/// subtrees differ in size, few enough that a subtree is worth a task. Fixed, as nothing may depend on the threads.
+const SUBTREES: usize = 256;
+
 /// The choice for every binary node.
 pub(super) struct Collapse<'a> {
     binary: &'a Bvh2,
-    plans: Vec<Plan>,
+    /// Written by many threads, every place by one of them, and read after they have met again: no order is asked for.
+    choices: Vec<AtomicU32>,
 }
 
-/// The cheapest ways to stand for one binary node.
+/// The cheapest way to stand for one binary node by so many children.
+///
+/// Of n children, 2 … 8, how many are the left side's in the cheapest split, in three bits each; 0 where fewer children
+/// cost less.
 #[derive(Clone, Copy)]
-struct Plan {
-    /// Least cost with at most 1 … 7 children.
-    cost: [f32; WAYS],
-    /// Of n + 2 children, how many are the left side's in the cheapest split; 0 where fewer children cost less.
-    left: [u8; WAYS],
-    /// As one child it is a leaf.
-    is_leaf: bool,
+struct Choice(u32);
+
+/// Set where the node as one child is a leaf.
+const IS_LEAF: u32 = 1 << 31;
+
+impl Choice {
+    fn is_leaf(self) -> bool {
+        self.0 & IS_LEAF != 0
+    }
+
+    fn of_left(self, children: usize) -> usize {
+        (self.0 >> (3 * (children - 2)) & 7) as usize
+    }
+}
+
+/// Least costs of one binary node with at most 1 … 7 children, and what is below it.
+#[derive(Clone, Copy)]
+struct Costs {
+    of: [f32; WAYS],
     members: u32,
+}
+
+/// A node near the root.
+struct Part {
+    node: usize,
+    /// The place of its left side, the right one's is next; `None` for the root of a subtree that is chosen for on its own.
+    left: Option<usize>,
 }
 
 /// A child of a node of eight.
@@ -38,26 +72,76 @@ pub(super) struct Chosen {
     /// The binary node it stands for.
     pub(super) binary: usize,
     pub(super) is_leaf: bool,
+    pub(super) half_area: f32,
 }
 
 impl<'a> Collapse<'a> {
     /// Chooses for a tree with members one by one in its leaves.
     pub(super) fn choose(binary: &'a Bvh2, leaves: LeafKind) -> Collapse<'a> {
-        let none = Plan { cost: [f32::INFINITY; WAYS], left: [0; WAYS], is_leaf: true, members: 0 };
-        let mut collapse = Collapse { binary, plans: vec![none; binary.nodes.len()] };
-        // Parents before children: the other way round every child is known before it is asked for.
-        let mut order = Vec::with_capacity(binary.nodes.len());
-        let mut pending: Vec<usize> = if binary.nodes.is_empty() { Vec::new() } else { vec![0] };
-        while let Some(at) = pending.pop() {
-            order.push(at);
-            if let Some([left, right]) = collapse.sides(at) {
-                pending.extend([left, right]);
+        let mut choices = Vec::new();
+        choices.resize_with(binary.nodes.len(), AtomicU32::default);
+        let collapse = Collapse { binary, choices };
+        if binary.primitive_indices.len() < PARALLEL_MIN {
+            if !binary.nodes.is_empty() {
+                collapse.choose_below(0, leaves);
+            }
+            return collapse;
+        }
+        let parts = collapse.parts();
+        let below = |part: &Part| match part.left {
+            None => collapse.choose_below(part.node, leaves),
+            Some(_) => None,
+        };
+        let mut costs: Vec<Option<Costs>> = parts.par_iter().map(below).collect();
+        // Sides come after their parents: the other way round they are known before they are asked for.
+        for (index, part) in parts.iter().enumerate().rev() {
+            if let Some(left) = part.left
+                && let (Some(l), Some(r)) = (costs[left], costs[left + 1])
+            {
+                costs[index] = Some(collapse.choose_one(part.node, &l, &r, leaves));
             }
         }
-        for at in order.into_iter().rev() {
-            collapse.plans[at] = collapse.plan(at, leaves);
-        }
         collapse
+    }
+
+    /// The nodes near the root, level by level, down to the subtrees.
+    fn parts(&self) -> Vec<Part> {
+        let mut parts = vec![Part { node: 0, left: None }];
+        let mut next = 0;
+        while next < parts.len() && parts.len() < 2 * SUBTREES {
+            if let Some(sides) = self.sides(parts[next].node) {
+                parts[next].left = Some(parts.len());
+                parts.extend(sides.map(|node| Part { node, left: None }));
+            }
+            next += 1;
+        }
+        parts
+    }
+
+    /// Chooses for a node and all below it.
+    fn choose_below(&self, root: usize, leaves: LeafKind) -> Option<Costs> {
+        // Parents before children, right before left: the other way round, a node finds its sides' costs on top of the
+        // stack. Trees may be too deep for calls.
+        let mut order = Vec::new();
+        let mut pending = vec![root as u32];
+        while let Some(at) = pending.pop() {
+            order.push(at);
+            if let Some(sides) = self.sides(at as usize) {
+                pending.extend(sides.map(|side| side as u32));
+            }
+        }
+        let mut stack: Vec<Costs> = Vec::new();
+        for at in order.into_iter().rev().map(|at| at as usize) {
+            let node = &self.binary.nodes[at];
+            if node.is_leaf() {
+                self.choices[at].store(IS_LEAF, Ordering::Relaxed);
+                let cost = node.aabb().half_area() * leaves.cost;
+                stack.push(Costs { of: [cost; WAYS], members: node.prim_count });
+            } else if let (Some(r), Some(l)) = (stack.pop(), stack.pop()) {
+                stack.push(self.choose_one(at, &l, &r, leaves));
+            }
+        }
+        stack.pop()
     }
 
     fn sides(&self, at: usize) -> Option<[usize; 2]> {
@@ -65,44 +149,41 @@ impl<'a> Collapse<'a> {
         (!node.is_leaf()).then(|| [node.first_index as usize, node.first_index as usize + 1])
     }
 
-    fn plan(&self, at: usize, leaves: LeafKind) -> Plan {
+    /// Chooses for a node whose sides cost `l` and `r`.
+    #[inline]
+    fn choose_one(&self, at: usize, l: &Costs, r: &Costs, leaves: LeafKind) -> Costs {
         let area = self.binary.nodes[at].aabb().half_area();
-        let Some([left, right]) = self.sides(at) else {
-            let members = self.binary.nodes[at].prim_count;
-            return Plan { cost: [area * leaves.cost; WAYS], left: [0; WAYS], is_leaf: true, members };
+        let (split, of_left) = match (l.members, r.members) {
+            // One member costs the same by however many children: the other side has all but one.
+            (_, 1) => (with_one(&l.of, r.of[0]), ALL_BUT_ONE),
+            (1, _) => (with_one(&r.of, l.of[0]), [1; WIDTH]),
+            _ => cheapest_splits(&l.of, &r.of),
         };
-        let (l, r) = (&self.plans[left], &self.plans[right]);
-        // Split[n]: as n + 2 children, of which the left side has how many.
-        let mut split = [(f32::INFINITY, 0u8); WAYS];
-        for (ways, best) in split.iter_mut().enumerate() {
-            for of_left in 0..=ways {
-                let cost = l.cost[of_left] + r.cost[ways - of_left];
-                if cost < best.0 {
-                    *best = (cost, of_left as u8 + 1);
-                }
-            }
-        }
         let members = l.members + r.members;
         let as_leaf = if members <= leaves.members_max { area * leaves.cost } else { f32::INFINITY };
-        let as_node = split[WAYS - 1].0 + area * NODE_COST;
-        let mut plan = Plan { cost: [0.0; WAYS], left: [0; WAYS], is_leaf: as_leaf <= as_node, members };
-        plan.cost[0] = as_leaf.min(as_node);
+        let as_node = split[WAYS - 1] + area * NODE_COST;
+        let mut choice = if as_leaf <= as_node { IS_LEAF } else { 0 };
+        let mut costs = Costs { of: [as_leaf.min(as_node); WAYS], members };
         for ways in 1..WAYS {
-            let (cost, of_left) = split[ways - 1];
-            let fewer = plan.cost[ways - 1];
-            plan.cost[ways] = cost.min(fewer);
-            plan.left[ways - 1] = if cost < fewer { of_left } else { 0 };
+            let (cost, fewer) = (split[ways - 1], costs.of[ways - 1]);
+            costs.of[ways] = cost.min(fewer);
+            choice |= if cost < fewer { of_left[ways - 1] << (3 * (ways - 1)) } else { 0 };
         }
         // A node has eight children to give, whatever that costs.
-        plan.left[WAYS - 1] = split[WAYS - 1].1;
-        plan
+        choice |= of_left[WAYS - 1] << (3 * (WAYS - 1));
+        self.choices[at].store(choice, Ordering::Relaxed);
+        costs
+    }
+
+    fn choice(&self, at: usize) -> Choice {
+        Choice(self.choices[at].load(Ordering::Relaxed))
     }
 
     /// The children of the node that stands for a binary node.
     pub(super) fn children(&self, at: usize, chosen: &mut Vec<Chosen>) {
         chosen.clear();
-        if self.plans[at].is_leaf {
-            chosen.push(Chosen { binary: at, is_leaf: true });
+        if self.choice(at).is_leaf() {
+            chosen.push(self.chosen(at));
             return;
         }
         self.distribute(at, WIDTH, chosen);
@@ -111,7 +192,7 @@ impl<'a> Collapse<'a> {
     /// Adds the children that stand for both sides of `at`, at most `most` of them, two at least.
     fn distribute(&self, at: usize, most: usize, chosen: &mut Vec<Chosen>) {
         if let Some([left, right]) = self.sides(at) {
-            let of_left = self.plans[at].left[most - 2] as usize;
+            let of_left = self.choice(at).of_left(most);
             self.stand_for(left, of_left, chosen);
             self.stand_for(right, most - of_left, chosen);
         }
@@ -119,30 +200,64 @@ impl<'a> Collapse<'a> {
 
     /// Adds the children that stand for `at`, at most `most` of them.
     fn stand_for(&self, at: usize, mut most: usize, chosen: &mut Vec<Chosen>) {
-        let plan = &self.plans[at];
-        while most > 1 && plan.left[most - 2] == 0 {
+        let choice = self.choice(at);
+        while most > 1 && choice.of_left(most) == 0 {
             most -= 1;
         }
         if most > 1 {
             self.distribute(at, most, chosen);
         } else {
-            chosen.push(Chosen { binary: at, is_leaf: plan.is_leaf });
+            chosen.push(self.chosen(at));
         }
     }
 
-    /// The members below a binary node.
+    fn chosen(&self, at: usize) -> Chosen {
+        let half_area = self.binary.nodes[at].aabb().half_area();
+        Chosen { binary: at, is_leaf: self.choice(at).is_leaf(), half_area }
+    }
+
+    /// Adds the members below a binary node that is a leaf, of which there are few.
     pub(super) fn members(&self, at: usize, members: &mut Vec<u32>) {
-        members.clear();
-        let mut pending = vec![at];
-        while let Some(at) = pending.pop() {
-            let node = &self.binary.nodes[at];
-            match self.sides(at) {
-                Some([left, right]) => pending.extend([right, left]),
-                None => {
-                    let first = node.first_index as usize;
-                    members.extend(&self.binary.primitive_indices[first..first + node.prim_count as usize]);
-                }
+        match self.sides(at) {
+            Some(sides) => sides.into_iter().for_each(|side| self.members(side, members)),
+            None => {
+                let node = &self.binary.nodes[at];
+                let first = node.first_index as usize;
+                members.extend(&self.binary.primitive_indices[first..first + node.prim_count as usize]);
             }
         }
     }
+}
+
+/// Of 2 … 8 children, all but one.
+const ALL_BUT_ONE: [u32; WIDTH] = [1, 2, 3, 4, 5, 6, 7, 0];
+
+/// Costs with one more child, which costs `one`.
+#[inline(always)]
+fn with_one(of: &[f32; WAYS], one: f32) -> [f32; WIDTH] {
+    let mut with = [f32::INFINITY; WIDTH];
+    with.iter_mut().zip(of).for_each(|(with, of)| *with = of + one);
+    with
+}
+
+/// The least cost of standing for two sides by 2 … 8 children, and how many of those are the left side's.
+///
+/// For every number of the left side's, all seven sums at once: compilers make vector instructions of the inner loop, as
+/// it has neither branches nor bounds of its own.
+#[inline(always)]
+fn cheapest_splits(l: &[f32; WAYS], r: &[f32; WAYS]) -> ([f32; WIDTH], [u32; WIDTH]) {
+    // r[n] stands at WIDTH + n: before it, there is nothing left to give to the right side.
+    let mut shifted = [f32::INFINITY; 2 * WIDTH];
+    shifted[WIDTH..WIDTH + WAYS].copy_from_slice(r);
+    let (mut least, mut of_left) = ([f32::INFINITY; WIDTH], [0u32; WIDTH]);
+    for (left, l) in l.iter().enumerate() {
+        let right: &[f32; WIDTH] = shifted[WIDTH - left..].first_chunk().unwrap_or(&[f32::INFINITY; WIDTH]);
+        for lane in 0..WIDTH {
+            let cost = l + right[lane];
+            let is_less = cost < least[lane];
+            least[lane] = if is_less { cost } else { least[lane] };
+            of_left[lane] = if is_less { left as u32 + 1 } else { of_left[lane] };
+        }
+    }
+    (least, of_left)
 }

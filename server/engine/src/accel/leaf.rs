@@ -13,8 +13,9 @@
 
 use fearless_simd::{Bytes, Simd, SimdBase, SimdMask, f32x8, i32x8};
 use glam::{DVec3, Vec3, Vec3A};
+use rayon::prelude::*;
 
-use super::{Ray, node::WIDTH};
+use super::{Ray, layout::LeafOrder, node::WIDTH};
 use crate::scene::Mesh;
 
 /// Most triangles of a leaf: one test takes as long for eight as for one.
@@ -22,6 +23,9 @@ pub(super) const LEAF_MAX: usize = WIDTH;
 
 /// Rows of a packet: three corners of three coordinates, and the triangle's number.
 const ROWS: usize = 10;
+
+/// Leaves that a thread packs at a time: some thousand triangles, so that small meshes are one thread's.
+const LEAVES_AT_ONCE: usize = 1024;
 
 /// The triangles of a mesh, leaf by leaf.
 ///
@@ -109,31 +113,29 @@ pub(super) struct Packet<'a> {
 }
 
 impl Leaves {
-    pub(super) fn with_capacity(triangles: usize) -> Leaves {
-        Leaves { rows: Vec::with_capacity(triangles * ROWS + (ROWS + 1) * WIDTH) }
-    }
-
-    /// Packs up to eight triangles of a mesh and returns the leaf's number.
-    pub(super) fn push(&mut self, mesh: &Mesh, triangles: &[u32]) -> u32 {
-        debug_assert!((1..=LEAF_MAX).contains(&triangles.len()));
-        let first = self.rows.len() / ROWS;
-        let corners = |corner: usize, axis: usize| {
-            triangles.iter().map(move |triangle| {
-                mesh.positions()[mesh.triangles()[*triangle as usize][corner] as usize][axis]
-            })
-        };
-        for corner in 0..3 {
-            for axis in 0..3 {
-                self.rows.extend(corners(corner, axis));
-            }
+    /// Packs the triangles of a mesh in the order of a tree's leaves, whose names say where.
+    pub(super) fn pack(mesh: &Mesh, order: &LeafOrder) -> Leaves {
+        let used = order.members.len() * ROWS;
+        // Reading the last packet's rows must not leave the allocation.
+        let mut rows = vec![0.0; used + (ROWS + 1) * WIDTH];
+        let mut jobs = Vec::with_capacity(order.counts.len() / LEAVES_AT_ONCE + 1);
+        let (mut members, mut rest) = (order.members.as_slice(), &mut rows[..used]);
+        for counts in order.counts.chunks(LEAVES_AT_ONCE) {
+            let triangle_count = counts.iter().map(|count| usize::from(*count)).sum();
+            let (triangles, packets);
+            (triangles, members) = members.split_at(triangle_count);
+            (packets, rest) = rest.split_at_mut(triangle_count * ROWS);
+            jobs.push((counts, triangles, packets));
         }
-        self.rows.extend(triangles.iter().map(|triangle| f32::from_bits(*triangle)));
-        (first as u32) << 3 | (triangles.len() as u32 - 1)
-    }
-
-    /// To be called after the last leaf: reading the last packet's rows must not leave the allocation.
-    pub(super) fn finish(&mut self) {
-        self.rows.resize(self.rows.len() + (ROWS + 1) * WIDTH, 0.0);
+        jobs.into_par_iter().for_each(|(counts, mut triangles, mut packets)| {
+            for count in counts.iter().map(|count| usize::from(*count)) {
+                let (leaf, packet);
+                (leaf, triangles) = triangles.split_at(count);
+                (packet, packets) = packets.split_at_mut(count * ROWS);
+                pack_leaf(mesh, leaf, packet);
+            }
+        });
+        Leaves { rows }
     }
 
     pub(super) fn bytes(&self) -> usize {
@@ -143,10 +145,23 @@ impl Leaves {
     /// The packet of a leaf.
     #[inline(always)]
     pub(super) fn packet(&self, leaf: u32) -> Packet<'_> {
-        let first = (leaf >> 3) as usize * ROWS;
+        let (first, count) = LeafOrder::range_of(leaf);
         // The rows after the last packet make this slice exist for every leaf.
-        let rows = self.rows[first..].first_chunk().unwrap_or(&[0.0; (ROWS + 1) * WIDTH]);
-        Packet { rows, count: (leaf & 7) as usize + 1 }
+        let rows = self.rows[first * ROWS..].first_chunk().unwrap_or(&[0.0; (ROWS + 1) * WIDTH]);
+        Packet { rows, count }
+    }
+}
+
+/// Writes the rows of one packet.
+fn pack_leaf(mesh: &Mesh, triangles: &[u32], packet: &mut [f32]) {
+    let count = triangles.len();
+    for (lane, triangle) in triangles.iter().enumerate() {
+        let corners = mesh.triangles()[*triangle as usize];
+        let coordinates = corners.iter().flat_map(|corner| mesh.positions()[*corner as usize].to_array());
+        for (row, coordinate) in coordinates.enumerate() {
+            packet[row * count + lane] = coordinate;
+        }
+        packet[(ROWS - 1) * count + lane] = f32::from_bits(*triangle);
     }
 }
 

@@ -16,6 +16,7 @@ mod bundle;
 mod collapse;
 mod instance;
 mod instructions;
+mod layout;
 mod leaf;
 mod node;
 mod query;

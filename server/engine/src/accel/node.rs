@@ -46,6 +46,15 @@ impl WideNode {
         self.rows[CHILD_ROW][slot] = f32::from_bits(child);
     }
 
+    /// Leads every slot that is used elsewhere.
+    pub(super) fn lead_to(&mut self, to: impl Fn(u32) -> u32) {
+        for slot in 0..WIDTH {
+            if !self.is_free(slot) {
+                self.rows[CHILD_ROW][slot] = f32::from_bits(to(self.child(slot)));
+            }
+        }
+    }
+
     /// Empties a slot.
     pub(super) fn clear(&mut self, slot: usize) {
         self.set(slot, &Aabb { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY }, FREE);

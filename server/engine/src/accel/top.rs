@@ -11,6 +11,7 @@ use obvhs::aabb::Aabb;
 
 use super::{
     instance::Instance,
+    layout::LeafOrder,
     node::{FREE, LEAF, WIDTH, WideNode},
     tree::{LeafKind, Tree},
 };
@@ -96,7 +97,8 @@ impl TopTree {
             }
             *count += 1;
         }
-        let tree = Tree::build(&bounds, LeafKind { members_max: 1, cost: 1.0 }, |members| members[0]);
+        let (mut tree, order) = Tree::build(&bounds, LeafKind { members_max: 1, cost: 1.0 });
+        tree.rename_leaves(|leaf| order.members[LeafOrder::range_of(leaf).0]);
         let mut parts: Vec<Part> = found
             .iter()
             .map(|part| Part { instance: part.instance, child: part.child, node: GONE, slot: 0 })

@@ -4,15 +4,19 @@ use std::time::Duration;
 
 use fearless_simd::Simd;
 use obvhs::{
-    Boundable, BvhBuildParams,
+    BvhBuildParams,
     aabb::Aabb,
     bvh2::{Bvh2, builder::build_bvh2},
 };
 
 use super::{
-    collapse::{Chosen, Collapse},
+    collapse::Collapse,
+    layout::{Layout, LeafOrder},
     node::{LEAF, Slab, WIDTH, WideNode},
 };
+
+/// Smaller trees are built by one thread: there are mostly many of them, and threads have enough to do.
+pub(super) const PARALLEL_MIN: usize = 8192;
 
 /// A tree over leaves that its owner knows by number.
 #[derive(Clone, Debug)]
@@ -30,14 +34,6 @@ pub(super) type Entry = u64;
 #[inline(always)]
 fn entry(t_near_bits: i32, child: u32) -> Entry {
     u64::from(t_near_bits as u32) << 32 | u64::from(child)
-}
-
-struct Bounds(Aabb);
-
-impl Boundable for Bounds {
-    fn aabb(&self) -> Aabb {
-        self.0
-    }
 }
 
 /// What the leaves of a tree are.
@@ -58,46 +54,28 @@ pub(super) fn build_binary(bounds: &[Aabb]) -> Bvh2 {
         post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
         ..BvhBuildParams::medium_build()
     };
-    let items: Vec<Bounds> = bounds.iter().map(|bounds| Bounds(*bounds)).collect();
-    build_bvh2(&items, params, &mut Duration::default())
+    build_bvh2(bounds, params, &mut Duration::default())
 }
 
 impl Tree {
-    /// Of some members by their bounds; `leaf_of(members)` names the leaf of some of them, by index.
-    pub(super) fn build(bounds: &[Aabb], leaves: LeafKind, mut leaf_of: impl FnMut(&[u32]) -> u32) -> Tree {
+    /// Of some members by their bounds. The leaves are named by where their members lie in the order that comes with it.
+    pub(super) fn build(bounds: &[Aabb], leaves: LeafKind) -> (Tree, LeafOrder) {
         let mut tree = Tree { nodes: Vec::new(), bounds: Aabb::INVALID, stack_need: 1 };
         if bounds.is_empty() {
-            return tree;
+            return (tree, LeafOrder::default());
         }
         let binary = build_binary(bounds);
         tree.bounds = *binary.nodes[0].aabb();
-        tree.nodes.reserve(bounds.len() / 16 + 1);
-        tree.collapse(&binary, &Collapse::choose(&binary, leaves), &mut leaf_of);
+        let Layout { nodes, order } = Layout::of(&binary, &Collapse::choose(&binary, leaves));
+        tree.nodes = nodes;
         tree.stack_need = tree.measure_stack_need();
-        tree
+        (tree, order)
     }
 
-    /// Lays nodes out depth first, the largest child right behind its parent: what is visited together lies together.
-    fn collapse(&mut self, binary: &Bvh2, choice: &Collapse<'_>, leaf_of: &mut impl FnMut(&[u32]) -> u32) {
-        let bounds_of = |child: &Chosen| binary.nodes[child.binary].aabb();
-        let mut pending = vec![(0, None::<(usize, usize)>)];
-        let (mut children, mut members) = (Vec::new(), Vec::new());
-        while let Some((at, parent)) = pending.pop() {
-            let index = self.nodes.len();
-            self.nodes.push(WideNode::EMPTY);
-            if let Some((parent, slot)) = parent {
-                self.nodes[parent].set(slot, binary.nodes[at].aabb(), index as u32);
-            }
-            choice.children(at, &mut children);
-            children.sort_by(|a, b| bounds_of(a).half_area().total_cmp(&bounds_of(b).half_area()));
-            for (slot, child) in children.iter().enumerate() {
-                if child.is_leaf {
-                    choice.members(child.binary, &mut members);
-                    self.nodes[index].set(slot, bounds_of(child), LEAF | leaf_of(&members));
-                } else {
-                    pending.push((child.binary, Some((index, slot))));
-                }
-            }
+    /// Gives its leaves other names.
+    pub(super) fn rename_leaves(&mut self, name: impl Fn(u32) -> u32) {
+        for node in &mut self.nodes {
+            node.lead_to(|child| if child & LEAF == 0 { child } else { LEAF | name(child & !LEAF) });
         }
     }
 

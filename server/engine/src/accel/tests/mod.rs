@@ -8,6 +8,7 @@ mod levels;
 mod precision;
 mod reference;
 mod restoring;
+mod threads;
 mod watertight;
 
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3};
@@ -16,6 +17,7 @@ use rayon::prelude::*;
 use super::{
     bundle::{Bundle, RAYS},
     instructions::vectorized,
+    layout::LeafOrder,
     leaf::{Leaves, Shear},
     node::inverse_of,
     *,
@@ -136,10 +138,13 @@ impl Loop<'_> {
     fn over(accel: &Accel) -> Loop<'_> {
         let alone = accel.instances().iter().map(|instance| {
             let triangles = 0..instance.mesh().triangles().len() as u32;
-            let mut leaves = Leaves::with_capacity(triangles.len());
-            let numbers = triangles.map(|triangle| leaves.push(instance.mesh(), &[triangle])).collect();
-            leaves.finish();
-            (leaves, numbers)
+            let mut order = LeafOrder::default();
+            let one_by_one = triangles.map(|triangle| {
+                order.members.push(triangle);
+                order.finish_leaf(order.members.len() - 1)
+            });
+            let numbers = one_by_one.collect();
+            (Leaves::pack(instance.mesh(), &order), numbers)
         });
         Loop { accel, alone: alone.collect() }
     }
