@@ -7,6 +7,7 @@ use obvhs::{
     BvhBuildParams,
     aabb::Aabb,
     bvh2::{Bvh2, builder::build_bvh2},
+    ploc::PlocSearchDistance,
 };
 
 use super::{
@@ -48,9 +49,12 @@ pub(super) struct LeafKind {
 /// The binary tree over `bounds`, members one by one in its leaves.
 pub(super) fn build_binary(bounds: &[Aabb]) -> Bvh2 {
     // Half the time of obvhs's medium preset, for trees that cost rays 2 % more: its second round of reinsertion is meant for
-    // trees whose leaves it has merged, which we do better ourselves.
+    // trees whose leaves it has merged, which we do better ourselves. Pairs are sought among 6 neighbours instead of 14, but
+    // from the third round on instead of the fourth: quicker, and Sponza, dragon and boulder cost 0.1 to 1.4 % less.
     let params = BvhBuildParams {
         max_prims_per_leaf: 1,
+        ploc_search_distance: PlocSearchDistance::Low,
+        search_depth_threshold: 2,
         post_collapse_reinsertion_batch_ratio_multiplier: 0.0,
         ..BvhBuildParams::medium_build()
     };
