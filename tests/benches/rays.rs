@@ -1,11 +1,14 @@
 //! How fast rays find surfaces: our trees beside obvhs's own traversal and Embree, on the same triangles and rays.
 //!
 //! `cargo bench -p lumicast-tests --bench rays [-- NAME …]`; the names are `sponza`, `dragon`, `boulder` and
-//! `updates`, all of them without arguments. Prints Markdown. Everyone takes turns and the best of five counts: the
+//! `updates`, all of them without arguments. `batches` beside the subjects' names asks instead whether sorting
+//! incoherent rays pays on them. Prints Markdown. Everyone takes turns and the best of five counts: the
 //! machine may be shared. Embree needs `apt-get install libembree-dev g++`; without it its columns stay empty.
 
 #[path = "rays/answer.rs"]
 mod answer;
+#[path = "rays/batches.rs"]
+mod batches;
 #[path = "rays/embree.rs"]
 mod embree;
 #[path = "rays/obvhs_tree.rs"]
@@ -39,7 +42,8 @@ const AGREEMENT: f64 = 1e-4;
 fn main() {
     let named: Vec<String> =
         std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
-    let is_wanted = |name: &str| named.is_empty() || named.iter().any(|wanted| wanted == name);
+    let is_named = |name: &str| named.iter().any(|wanted| wanted == name);
+    let is_wanted = |name: &str| named.is_empty() || is_named(name);
     let pools = Pools::new();
     println!(
         "Rays in million a second, builds in milliseconds, {} rays a kind. T = threads, Embree-1 = single rays, \
@@ -48,8 +52,10 @@ fn main() {
         ray_set::RAY_COUNT
     );
     for name in subject::NAMES.into_iter().filter(|name| is_wanted(name)) {
-        if let Some(subject) = Subject::named(name) {
-            measure(&subject, &pools);
+        match Subject::named(name) {
+            Some(subject) if is_named("batches") => batches::measure(&subject, &pools),
+            Some(subject) => measure(&subject, &pools),
+            None => {}
         }
     }
     if is_wanted("updates") {

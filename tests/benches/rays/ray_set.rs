@@ -126,6 +126,23 @@ fn diffuse_ray(arriving: Vec3, point: &SurfacePoint, random: &mut Random) -> Ray
     point.ray_towards(direction)
 }
 
+/// From where rays end, reflected: the next bounce of the paths they belong to. Where some end nowhere, the others are gone
+/// through again: as many rays come out as went in.
+///
+/// # Panics
+/// When no ray meets a surface.
+pub(crate) fn onward_rays(rays: &[Ray], accel: &Accel) -> Vec<Ray> {
+    let met = rays.iter().filter_map(|ray| {
+        let hit = accel.closest_hit(ray, |_| true)?;
+        Some((ray.direction, accel.instances()[hit.instance as usize].point_of(&hit)))
+    });
+    let met: Vec<(Vec3, SurfacePoint)> = met.collect();
+    assert!(!met.is_empty(), "no ray meets a surface");
+    let mut random = Random::new(2);
+    let onward = met.iter().cycle().take(rays.len());
+    onward.map(|(arriving, point)| diffuse_ray(*arriving, point, &mut random)).collect()
+}
+
 /// Middles of five lamps below the top of the scene and their side: random lamps make shadow rays run as far apart as
 /// those of a scene with many lights do.
 fn lamps(bounds: &Aabb) -> ([DVec3; 5], f64) {
