@@ -111,3 +111,22 @@ fn many_instances_in_one_place_are_hit_in_order() {
         assert_eq!(accel.closest_hit(&ray, |hit| hit.instance >= first).unwrap().instance, first);
     }
 }
+
+/// Triangles that are all alike, in one place or in a row, make a tree and not a list: building it takes time in proportion
+/// to their number, and walking it needs little room.
+#[test]
+fn triangles_that_are_alike_make_no_list() {
+    const COUNT: usize = 4000;
+    for step in [0.0, 1.0] {
+        let scene = scene_of(|grey| {
+            let at = |index: usize| DVec3::X * step * index as f64;
+            let corners = (0..COUNT)
+                .map(|index| [DVec3::ZERO, DVec3::X, DVec3::new(0.0, 1.0, 1.0)].map(|p| at(index) + p));
+            loose(corners, grey)
+        });
+        let bottom = BottomTree::build(scene.meshes().values().next().unwrap());
+        // 4000 triangles fill five levels of eight at worst half full; a list had some hundreds.
+        let need = bottom.tree().stack_need();
+        assert!(need < 150, "step {step}: {need} entries");
+    }
+}
