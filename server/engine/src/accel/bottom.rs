@@ -8,7 +8,8 @@ use obvhs::aabb::Aabb;
 use super::{
     leaf::{LEAF_MAX, Leaves, Shear, TriangleHit},
     node::Slab,
-    tree::{Entry, LeafKind, Tree},
+    stack::Entry,
+    tree::{LeafKind, Tree},
 };
 use crate::scene::Mesh;
 

@@ -21,6 +21,7 @@ mod node;
 mod query;
 mod ray;
 mod restore;
+mod stack;
 mod top;
 mod tree;
 mod update;

@@ -9,12 +9,8 @@ use super::{
     instructions::vectorized,
     leaf::Shear,
     node::{Slab, inverse_of},
-    top::TopTree,
-    tree::Entry,
+    stack::{Entry, Stack},
 };
-
-/// Room for entries on the processor's stack; deeper trees take it from the heap, ray by ray.
-pub(super) const STACK_INLINE: usize = 96;
 
 impl Accel {
     /// The nearest surface along `ray` that `accept` lets count.
@@ -79,9 +75,8 @@ impl Accel {
         mut found: impl FnMut(Hit, &mut f32) -> bool,
     ) -> bool {
         let top = self.top.tree();
-        let mut inline = [Entry::default(); STACK_INLINE];
-        let mut heap = Vec::new();
-        let stack = self.stack(top, &mut inline, &mut heap);
+        let mut stack = Stack::of_thread(top.tree().stack_need() + self.bottom_stack_need);
+        let entries = stack.entries();
         let inverse = inverse_of(ray.direction);
         let slab_in_render =
             Slab::new(ray.origin, inverse, top.tree().bounds()).widened(self.room_for_transforms(ray.origin));
@@ -95,7 +90,7 @@ impl Accel {
             0,
             &slab_in_render,
             &mut t_max,
-            stack,
+            entries,
             #[inline(always)]
             |part: u32, t_max: &mut f32, stack: &mut [Entry]| {
                 let part = top.part(part);
@@ -138,9 +133,8 @@ impl Accel {
         let farthest_origin = rays.iter().fold(Vec3::ZERO, |a, ray| a.max(ray.origin.abs()));
         let bundle = Bundle::new(simd, rays, top.tree().bounds())?;
         let slab_in_render = bundle.slab().widened(self.room_for_transforms(farthest_origin));
-        let mut inline = [Entry::default(); STACK_INLINE];
-        let mut heap = Vec::new();
-        let stack = self.stack(top, &mut inline, &mut heap);
+        let mut stack = Stack::of_thread(top.tree().stack_need() + self.bottom_stack_need);
+        let entries = stack.entries();
         let mut closest = [Hit::NONE; RAYS];
         let mut t_max = rays.map(|ray| ray.t_max);
         let mut entered = u32::MAX;
@@ -152,7 +146,7 @@ impl Accel {
             0,
             &slab_in_render,
             &mut farthest,
-            stack,
+            entries,
             #[inline(always)]
             |part: u32, farthest: &mut f32, stack: &mut [Entry]| {
                 let part = top.part(part);
@@ -232,18 +226,6 @@ impl Accel {
     #[inline(always)]
     fn room_for_transforms(&self, origin: Vec3) -> f32 {
         self.shear_rounding * origin.abs().max_element()
-    }
-
-    /// Room for all that a walk may have waiting at once.
-    #[inline(always)]
-    fn stack<'a>(&self, top: &TopTree, inline: &'a mut [Entry], heap: &'a mut Vec<Entry>) -> &'a mut [Entry] {
-        let need = top.tree().stack_need() + self.bottom_stack_need;
-        if need <= inline.len() {
-            inline
-        } else {
-            heap.resize(need, Entry::default());
-            heap
-        }
     }
 }
 

@@ -12,6 +12,7 @@ use obvhs::{
 use super::{
     collapse::{Chosen, Collapse},
     node::{LEAF, Slab, WIDTH, WideNode},
+    stack::Entry,
 };
 
 /// A tree over leaves that its owner knows by number.
@@ -25,8 +26,6 @@ pub(super) struct Tree {
 
 /// A node or leaf on the way: the distance at which the ray enters it, whose bits order like the number as it is never
 /// negative, above the child. One number, so that sorting moves and compares one.
-pub(super) type Entry = u64;
-
 #[inline(always)]
 fn entry(t_near_bits: i32, child: u32) -> Entry {
     u64::from(t_near_bits as u32) << 32 | u64::from(child)
