@@ -177,6 +177,66 @@ impl Tree {
         slab: &Slab,
         t_max: &mut f32,
         stack: &mut [Entry],
+        visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
+    ) -> bool {
+        if NEAREST_FIRST {
+            self.walk_nearest_first(simd, start, slab, t_max, stack, visit)
+        } else {
+            self.walk_largest_first(simd, start, slab, t_max, stack, visit)
+        }
+    }
+
+    /// Larger children come first: they are the likelier to be hit, and lie in the higher slots. What waits is a node
+    /// with the bit mask of its children that are still to be visited.
+    #[inline(always)]
+    fn walk_largest_first<S: Simd>(
+        &self,
+        simd: S,
+        start: u32,
+        slab: &Slab,
+        t_max: &mut f32,
+        stack: &mut [Entry],
+        mut visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
+    ) -> bool {
+        let mut child = start;
+        let mut height = 0;
+        let (mut node, mut index, mut waiting) = (&WideNode::EMPTY, 0, 0);
+        loop {
+            if child & LEAF == 0 {
+                let Some(below) = self.nodes.get(child as usize) else { return false };
+                let (entered, _) = below.enter(simd, slab, *t_max);
+                if entered != 0 {
+                    if waiting != 0 {
+                        stack[height] = u64::from(index) << 32 | u64::from(waiting);
+                        height += 1;
+                    }
+                    (node, index, waiting) = (below, child, entered);
+                }
+            } else if visit(child & !LEAF, t_max, &mut stack[height..]) {
+                return true;
+            }
+            if waiting == 0 {
+                if height == 0 {
+                    return false;
+                }
+                height -= 1;
+                (index, waiting) = ((stack[height] >> 32) as u32, stack[height] as u32);
+                node = &self.nodes[index as usize];
+            }
+            let slot = waiting.ilog2();
+            waiting ^= 1 << slot;
+            child = node.child(slot as usize);
+        }
+    }
+
+    #[inline(always)]
+    fn walk_nearest_first<S: Simd>(
+        &self,
+        simd: S,
+        start: u32,
+        slab: &Slab,
+        t_max: &mut f32,
+        stack: &mut [Entry],
         mut visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
     ) -> bool {
         let mut child = start;
@@ -199,11 +259,6 @@ impl Tree {
                         let slot = entered.trailing_zeros() as usize;
                         entered &= entered - 1;
                         let next = entry(t_near[slot % WIDTH], node.child(slot));
-                        if !NEAREST_FIRST {
-                            stack[height] = next;
-                            height += 1;
-                            continue;
-                        }
                         let farther = nearest.max(next);
                         nearest = nearest.min(next);
                         // Insertion keeps nearer ones on top.
