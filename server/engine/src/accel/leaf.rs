@@ -191,7 +191,10 @@ impl Packet<'_> {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let valid = self.lanes();
+        // Rays that leave a surface pass its triangle by the thousand: better kept out here than met and refused.
+        let left =
+            self.row(simd, ROWS - 1).bitcast::<i32x8<S>>().simd_eq(i32x8::splat(simd, ray.left as i32));
+        let valid = self.lanes() & !(left.to_bitmask() as u32);
         let zero = f32x8::splat(simd, 0.0);
         let on_edge = u.simd_eq(zero) | v.simd_eq(zero) | w.simd_eq(zero);
         let mut on_edge = on_edge.to_bitmask() as u32 & valid;
@@ -203,15 +206,9 @@ impl Packet<'_> {
             let edges = [u[lane], v[lane], w[lane]];
             lanes |= u32::from(is_inside_on_edge([corner(&a), corner(&b), corner(&c)], edges)) << lane;
         }
-        if lanes == 0 {
-            return false;
-        }
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            if self.triangle(lane) == ray.left {
-                continue;
-            }
             let Some(hit) = self.meet(lane, ray) else { continue };
             if hit.t <= *t_max && found(hit, t_max) {
                 return true;
