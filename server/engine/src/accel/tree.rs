@@ -253,8 +253,24 @@ impl Tree {
                         continue;
                     }
                     let t_near: [i32; WIDTH] = t_near.into();
+                    let first = entry(t_near[slot], child);
+                    let slot = entered.trailing_zeros() as usize;
+                    entered &= entered - 1;
+                    let second = entry(t_near[slot % WIDTH], node.child(slot));
+                    // Two children or three are sorted without a branch, as no processor can guess which there are: where
+                    // there is no third, one farther than all stands for it and is not pushed.
+                    let has_third = entered != 0;
+                    let slot = entered.trailing_zeros() as usize % WIDTH;
+                    entered &= entered.wrapping_sub(1);
+                    let none = Entry::from(!has_third).wrapping_neg();
+                    let third = entry(t_near[slot], node.child(slot)) | none;
+                    let (near, far) = (first.min(second), first.max(second));
+                    let (mut nearest, middle, farthest) =
+                        (near.min(third), near.max(third).min(far), far.max(third));
                     let bottom = height;
-                    let mut nearest = entry(t_near[slot], child);
+                    let [low, high] = &mut stack[height..height + 2] else { return false };
+                    (*low, *high) = (farthest & !none | middle & none, middle);
+                    height += 1 + usize::from(has_third);
                     while entered != 0 {
                         let slot = entered.trailing_zeros() as usize;
                         entered &= entered - 1;
