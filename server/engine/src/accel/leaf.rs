@@ -57,19 +57,29 @@ pub(super) struct Shear {
 }
 
 impl Shear {
+    /// Of no ray.
+    pub(super) const NONE: Shear = Shear {
+        origin: Vec3::ZERO,
+        direction: Vec3::ZERO,
+        axes: [0, 1, 2],
+        permuted: [0.0; 3],
+        slope: [0.0; 2],
+        left: u32::MAX,
+    };
+
     /// `inverse` is [`super::node::inverse_of`] the direction: exact for its longest axis.
     #[inline(always)]
     pub(super) fn new(ray: &Ray, inverse: Vec3A) -> Shear {
         let Ray { origin, direction, .. } = *ray;
         let axes = permuted_axes(direction);
-        let z = axes[2];
-        let inverse = inverse[z];
+        let [x, y, _] = permuted(direction, axes);
+        let [_, _, inverse] = permuted(inverse.into(), axes);
         Shear {
             origin,
             direction,
             axes,
-            permuted: [origin[axes[0]], origin[axes[1]], origin[z]],
-            slope: [direction[axes[0]] * inverse, direction[axes[1]] * inverse],
+            permuted: permuted(origin, axes),
+            slope: [x * inverse, y * inverse],
             left: u32::MAX,
         }
     }
@@ -79,12 +89,6 @@ impl Shear {
     pub(super) fn within(mut self, instance: u32, ray: &Ray) -> Shear {
         self.left = if ray.left.instance == instance { ray.left.triangle } else { u32::MAX };
         self
-    }
-
-    /// The same direction from another origin.
-    #[inline(always)]
-    pub(super) fn from(&self, origin: Vec3) -> Shear {
-        Shear { origin, permuted: self.axes.map(|axis| origin[axis]), ..*self }
     }
 }
 
@@ -99,6 +103,14 @@ pub(super) fn permuted_axes(direction: Vec3) -> [usize; 3] {
     } else {
         [0, 1, 2]
     }
+}
+
+/// A vector along the permuted axes. Read from memory: glam's own index is a branch for each axis, and which way rays go
+/// is not to be guessed.
+#[inline(always)]
+fn permuted(vector: Vec3, [x, y, z]: [usize; 3]) -> [f32; 3] {
+    let along = [vector.x, vector.y, vector.z, 0.0];
+    [along[x & 3], along[y & 3], along[z & 3]]
 }
 
 /// A packet: its rows start at `rows[0]`.

@@ -8,7 +8,7 @@ use super::{
     bundle::{Bundle, RAYS},
     instructions::vectorized,
     leaf::Shear,
-    node::{Slab, inverse_of},
+    node::{LEAF, Slab, inverse_of},
     stack::{Entry, Stack},
 };
 
@@ -77,17 +77,21 @@ impl Accel {
         let top = self.top.tree();
         let mut stack = Stack::of_thread(top.tree().stack_need() + self.bottom_stack_need);
         let entries = stack.entries();
-        let inverse = inverse_of(ray.direction);
-        let slab_in_render =
-            Slab::new(ray.origin, inverse, top.tree().bounds()).widened(self.room_for_transforms(ray.origin));
-        let shear_in_render = Shear::new(ray, inverse);
+        let inverse_in_render = inverse_of(ray.direction);
+        // A walk that starts at a part enters no node of the top tree.
+        let slab_in_render = if top.start() & LEAF == 0 {
+            Slab::new(ray.origin, inverse_in_render, top.tree().bounds())
+                .widened(self.room_for_transforms(ray.origin))
+        } else {
+            Slab::NONE
+        };
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
-        let (mut slab, mut shear) = (slab_in_render, shear_in_render);
+        let (mut slab, mut shear) = (Slab::NONE, Shear::NONE);
         let mut t_max = ray.t_max;
         top.tree().walk::<S, NEAREST_FIRST>(
             simd,
-            0,
+            top.start(),
             &slab_in_render,
             &mut t_max,
             entries,
@@ -99,14 +103,13 @@ impl Accel {
                 if part.instance != entered {
                     entered = part.instance;
                     let local = instance.ray_in_mesh(ray);
-                    if instance.is_only_moved() {
-                        slab = slab_in_render.seen_from(instance.centre_in_render());
-                        shear = shear_in_render.from(local.origin).within(part.instance, ray);
+                    let inverse = if instance.is_only_moved() {
+                        inverse_in_render
                     } else {
-                        let inverse = inverse_of(local.direction);
-                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
-                        shear = Shear::new(&local, inverse).within(part.instance, ray);
-                    }
+                        inverse_of(local.direction)
+                    };
+                    slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                    shear = Shear::new(&local, inverse).within(part.instance, ray);
                 }
                 bottom.visit::<S, NEAREST_FIRST>(
                     simd,
@@ -143,7 +146,7 @@ impl Accel {
         let mut farthest = largest(simd, &t_max);
         top.tree().walk::<S, true>(
             simd,
-            0,
+            top.start(),
             &slab_in_render,
             &mut farthest,
             entries,
