@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use super::{
     leaf::{LEAF_MAX, Leaves, Shear, TriangleHit},
     node::Slab,
-    tree::{Entry, LeafKind, PARALLEL_MIN, Tree},
+    stack::Entry,
+    tree::{LeafKind, PARALLEL_MIN, Tree},
 };
 use crate::scene::Mesh;
 

@@ -61,19 +61,29 @@ pub(super) struct Shear {
 }
 
 impl Shear {
+    /// Of no ray.
+    pub(super) const NONE: Shear = Shear {
+        origin: Vec3::ZERO,
+        direction: Vec3::ZERO,
+        axes: [0, 1, 2],
+        permuted: [0.0; 3],
+        slope: [0.0; 2],
+        left: u32::MAX,
+    };
+
     /// `inverse` is [`super::node::inverse_of`] the direction: exact for its longest axis.
     #[inline(always)]
     pub(super) fn new(ray: &Ray, inverse: Vec3A) -> Shear {
         let Ray { origin, direction, .. } = *ray;
         let axes = permuted_axes(direction);
-        let z = axes[2];
-        let inverse = inverse[z];
+        let [x, y, _] = permuted(direction, axes);
+        let [_, _, inverse] = permuted(inverse.into(), axes);
         Shear {
             origin,
             direction,
             axes,
-            permuted: [origin[axes[0]], origin[axes[1]], origin[z]],
-            slope: [direction[axes[0]] * inverse, direction[axes[1]] * inverse],
+            permuted: permuted(origin, axes),
+            slope: [x * inverse, y * inverse],
             left: u32::MAX,
         }
     }
@@ -83,12 +93,6 @@ impl Shear {
     pub(super) fn within(mut self, instance: u32, ray: &Ray) -> Shear {
         self.left = if ray.left.instance == instance { ray.left.triangle } else { u32::MAX };
         self
-    }
-
-    /// The same direction from another origin.
-    #[inline(always)]
-    pub(super) fn from(&self, origin: Vec3) -> Shear {
-        Shear { origin, permuted: self.axes.map(|axis| origin[axis]), ..*self }
     }
 }
 
@@ -103,6 +107,14 @@ pub(super) fn permuted_axes(direction: Vec3) -> [usize; 3] {
     } else {
         [0, 1, 2]
     }
+}
+
+/// A vector along the permuted axes. Read from memory: glam's own index is a branch for each axis, and which way rays go
+/// is not to be guessed.
+#[inline(always)]
+fn permuted(vector: Vec3, [x, y, z]: [usize; 3]) -> [f32; 3] {
+    let along = [vector.x, vector.y, vector.z, 0.0];
+    [along[x & 3], along[y & 3], along[z & 3]]
 }
 
 /// A packet: its rows start at `rows[0]`.
@@ -206,7 +218,10 @@ impl Packet<'_> {
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        let valid = self.lanes();
+        // Rays that leave a surface pass its triangle by the thousand: better kept out here than met and refused.
+        let left =
+            self.row(simd, ROWS - 1).bitcast::<i32x8<S>>().simd_eq(i32x8::splat(simd, ray.left as i32));
+        let valid = self.lanes() & !(left.to_bitmask() as u32);
         let zero = f32x8::splat(simd, 0.0);
         let on_edge = u.simd_eq(zero) | v.simd_eq(zero) | w.simd_eq(zero);
         let mut on_edge = on_edge.to_bitmask() as u32 & valid;
@@ -218,15 +233,9 @@ impl Packet<'_> {
             let edges = [u[lane], v[lane], w[lane]];
             lanes |= u32::from(is_inside_on_edge([corner(&a), corner(&b), corner(&c)], edges)) << lane;
         }
-        if lanes == 0 {
-            return false;
-        }
         while lanes != 0 {
             let lane = lanes.trailing_zeros() as usize;
             lanes &= lanes - 1;
-            if self.triangle(lane) == ray.left {
-                continue;
-            }
             let Some(hit) = self.meet(lane, ray) else { continue };
             if hit.t <= *t_max && found(hit, t_max) {
                 return true;

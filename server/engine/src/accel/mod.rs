@@ -22,6 +22,7 @@ mod node;
 mod query;
 mod ray;
 mod restore;
+mod stack;
 mod top;
 mod tree;
 mod update;

@@ -145,6 +145,16 @@ const ROOM_OF_ORIGIN: f32 = 4.0 * f32::EPSILON;
 const ROOM_OF_SCALE: f32 = 2.0 * f32::EPSILON;
 
 impl Slab {
+    /// Of no ray.
+    pub(super) const NONE: Slab = Slab {
+        near_scale: Vec3A::ZERO,
+        near_shift: Vec3A::ZERO,
+        far_scale: Vec3A::ZERO,
+        far_shift: Vec3A::ZERO,
+        near_row: [0, 2, 4],
+        room: 0.0,
+    };
+
     /// Of a ray, by the reciprocal of its direction, against a tree with these bounds.
     #[inline(always)]
     pub(super) fn new(origin: Vec3, inverse: Vec3A, bounds: &Aabb) -> Slab {

@@ -8,13 +8,9 @@ use super::{
     bundle::{Bundle, RAYS},
     instructions::vectorized,
     leaf::Shear,
-    node::{Slab, inverse_of},
-    top::TopTree,
-    tree::Entry,
+    node::{LEAF, Slab, inverse_of},
+    stack::{Entry, Stack},
 };
-
-/// Room for entries on the processor's stack; deeper trees take it from the heap, ray by ray.
-pub(super) const STACK_INLINE: usize = 96;
 
 impl Accel {
     /// The nearest surface along `ray` that `accept` lets count.
@@ -79,23 +75,26 @@ impl Accel {
         mut found: impl FnMut(Hit, &mut f32) -> bool,
     ) -> bool {
         let top = self.top.tree();
-        let mut inline = [Entry::default(); STACK_INLINE];
-        let mut heap = Vec::new();
-        let stack = self.stack(top, &mut inline, &mut heap);
-        let inverse = inverse_of(ray.direction);
-        let slab_in_render =
-            Slab::new(ray.origin, inverse, top.tree().bounds()).widened(self.room_for_transforms(ray.origin));
-        let shear_in_render = Shear::new(ray, inverse);
+        let mut stack = Stack::of_thread(top.tree().stack_need() + self.bottom_stack_need);
+        let entries = stack.entries();
+        let inverse_in_render = inverse_of(ray.direction);
+        // A walk that starts at a part enters no node of the top tree.
+        let slab_in_render = if top.start() & LEAF == 0 {
+            Slab::new(ray.origin, inverse_in_render, top.tree().bounds())
+                .widened(self.room_for_transforms(ray.origin))
+        } else {
+            Slab::NONE
+        };
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
-        let (mut slab, mut shear) = (slab_in_render, shear_in_render);
+        let (mut slab, mut shear) = (Slab::NONE, Shear::NONE);
         let mut t_max = ray.t_max;
         top.tree().walk::<S, NEAREST_FIRST>(
             simd,
-            0,
+            top.start(),
             &slab_in_render,
             &mut t_max,
-            stack,
+            entries,
             #[inline(always)]
             |part: u32, t_max: &mut f32, stack: &mut [Entry]| {
                 let part = top.part(part);
@@ -104,14 +103,13 @@ impl Accel {
                 if part.instance != entered {
                     entered = part.instance;
                     let local = instance.ray_in_mesh(ray);
-                    if instance.is_only_moved() {
-                        slab = slab_in_render.seen_from(instance.centre_in_render());
-                        shear = shear_in_render.from(local.origin).within(part.instance, ray);
+                    let inverse = if instance.is_only_moved() {
+                        inverse_in_render
                     } else {
-                        let inverse = inverse_of(local.direction);
-                        slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
-                        shear = Shear::new(&local, inverse).within(part.instance, ray);
-                    }
+                        inverse_of(local.direction)
+                    };
+                    slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                    shear = Shear::new(&local, inverse).within(part.instance, ray);
                 }
                 bottom.visit::<S, NEAREST_FIRST>(
                     simd,
@@ -138,9 +136,8 @@ impl Accel {
         let farthest_origin = rays.iter().fold(Vec3::ZERO, |a, ray| a.max(ray.origin.abs()));
         let bundle = Bundle::new(simd, rays, top.tree().bounds())?;
         let slab_in_render = bundle.slab().widened(self.room_for_transforms(farthest_origin));
-        let mut inline = [Entry::default(); STACK_INLINE];
-        let mut heap = Vec::new();
-        let stack = self.stack(top, &mut inline, &mut heap);
+        let mut stack = Stack::of_thread(top.tree().stack_need() + self.bottom_stack_need);
+        let entries = stack.entries();
         let mut closest = [Hit::NONE; RAYS];
         let mut t_max = rays.map(|ray| ray.t_max);
         let mut entered = u32::MAX;
@@ -149,10 +146,10 @@ impl Accel {
         let mut farthest = largest(simd, &t_max);
         top.tree().walk::<S, true>(
             simd,
-            0,
+            top.start(),
             &slab_in_render,
             &mut farthest,
-            stack,
+            entries,
             #[inline(always)]
             |part: u32, farthest: &mut f32, stack: &mut [Entry]| {
                 let part = top.part(part);
@@ -232,18 +229,6 @@ impl Accel {
     #[inline(always)]
     fn room_for_transforms(&self, origin: Vec3) -> f32 {
         self.shear_rounding * origin.abs().max_element()
-    }
-
-    /// Room for all that a walk may have waiting at once.
-    #[inline(always)]
-    fn stack<'a>(&self, top: &TopTree, inline: &'a mut [Entry], heap: &'a mut Vec<Entry>) -> &'a mut [Entry] {
-        let need = top.tree().stack_need() + self.bottom_stack_need;
-        if need <= inline.len() {
-            inline
-        } else {
-            heap.resize(need, Entry::default());
-            heap
-        }
     }
 }
 

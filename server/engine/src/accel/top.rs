@@ -60,6 +60,8 @@ const GONE: u32 = u32::MAX;
 pub(super) struct TopTree {
     tree: Tree,
     parts: Vec<Part>,
+    /// Where walks start: the first node that has more than one child, or the part that is alone.
+    start: u32,
     /// Bounds of each part in its mesh's space.
     boxes: Vec<Aabb>,
     /// Node and slot that lead to each node; the root's own is meaningless.
@@ -117,12 +119,18 @@ impl TopTree {
             }
         }
         let boxes = found.iter().map(|part| part.local).collect();
-        let cost_built = tree.sah_cost();
-        TopTree { tree, parts, boxes, parents, parts_of, cost_built, gone: 0 }
+        let (cost_built, start) = (tree.sah_cost(), start_of(&tree));
+        TopTree { tree, parts, start, boxes, parents, parts_of, cost_built, gone: 0 }
     }
 
     pub(super) fn tree(&self) -> &Tree {
         &self.tree
+    }
+
+    /// Where a walk starts.
+    #[inline(always)]
+    pub(super) fn start(&self) -> u32 {
+        self.start
     }
 
     /// The part that a leaf names.
@@ -212,6 +220,7 @@ impl TopTree {
     /// To be called after the last change of an edit.
     pub(super) fn finish(&mut self) {
         self.tree.finish_edit();
+        self.start = start_of(&self.tree);
     }
 
     fn parts_range(&self, index: u32) -> std::ops::Range<usize> {
@@ -277,6 +286,19 @@ impl TopTree {
     }
 }
 
+/// The root, or what lies below while there is but one way to go.
+fn start_of(tree: &Tree) -> u32 {
+    let mut start = 0;
+    while let Some(node) = tree.nodes().get(start as usize) {
+        let mut used = node.used();
+        match (used.next(), used.next()) {
+            (Some(slot), None) => start = node.child(slot),
+            _ => break,
+        }
+    }
+    start
+}
+
 /// The instances' parts after the largest were opened.
 fn open(instances: &[Arc<Instance>]) -> Vec<Candidate> {
     let candidate = |index: usize, child: u32, local: Aabb| {
@@ -290,8 +312,8 @@ fn open(instances: &[Arc<Instance>]) -> Vec<Candidate> {
         .collect();
     let all = heap.iter().map(|part| part.bounds).reduce(|a, b| a.union(&b));
     let smallest = all.map_or(0.0, |all| all.half_area() * OPEN_SHARE);
-    // The root of a lone instance is opened and no more: nothing overlaps it.
-    let most = if instances.len() == 1 { 2 } else { PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()) };
+    // A lone instance stays whole: nothing overlaps it, and walks start in its own tree.
+    let most = if instances.len() == 1 { 1 } else { PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()) };
     let mut done = Vec::new();
     while heap.len() + done.len() < most {
         let Some(part) = heap.pop() else { break };

@@ -16,6 +16,7 @@ use super::{
     collapse::Collapse,
     layout::{Layout, LeafOrder},
     node::{LEAF, Slab, WIDTH, WideNode},
+    stack::Entry,
 };
 
 /// Smaller trees are built by one thread: there are mostly many of them, and threads have enough to do.
@@ -32,8 +33,6 @@ pub(super) struct Tree {
 
 /// A node or leaf on the way: the distance at which the ray enters it, whose bits order like the number as it is never
 /// negative, above the child. One number, so that sorting moves and compares one.
-pub(super) type Entry = u64;
-
 #[inline(always)]
 fn entry(t_near_bits: i32, child: u32) -> Entry {
     u64::from(t_near_bits as u32) << 32 | u64::from(child)
@@ -178,6 +177,66 @@ impl Tree {
         slab: &Slab,
         t_max: &mut f32,
         stack: &mut [Entry],
+        visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
+    ) -> bool {
+        if NEAREST_FIRST {
+            self.walk_nearest_first(simd, start, slab, t_max, stack, visit)
+        } else {
+            self.walk_largest_first(simd, start, slab, t_max, stack, visit)
+        }
+    }
+
+    /// Larger children come first: they are the likelier to be hit, and lie in the higher slots. What waits is a node
+    /// with the bit mask of its children that are still to be visited.
+    #[inline(always)]
+    fn walk_largest_first<S: Simd>(
+        &self,
+        simd: S,
+        start: u32,
+        slab: &Slab,
+        t_max: &mut f32,
+        stack: &mut [Entry],
+        mut visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
+    ) -> bool {
+        let mut child = start;
+        let mut height = 0;
+        let (mut node, mut index, mut waiting) = (&WideNode::EMPTY, 0, 0);
+        loop {
+            if child & LEAF == 0 {
+                let Some(below) = self.nodes.get(child as usize) else { return false };
+                let (entered, _) = below.enter(simd, slab, *t_max);
+                if entered != 0 {
+                    if waiting != 0 {
+                        stack[height] = u64::from(index) << 32 | u64::from(waiting);
+                        height += 1;
+                    }
+                    (node, index, waiting) = (below, child, entered);
+                }
+            } else if visit(child & !LEAF, t_max, &mut stack[height..]) {
+                return true;
+            }
+            if waiting == 0 {
+                if height == 0 {
+                    return false;
+                }
+                height -= 1;
+                (index, waiting) = ((stack[height] >> 32) as u32, stack[height] as u32);
+                node = &self.nodes[index as usize];
+            }
+            let slot = waiting.ilog2();
+            waiting ^= 1 << slot;
+            child = node.child(slot as usize);
+        }
+    }
+
+    #[inline(always)]
+    fn walk_nearest_first<S: Simd>(
+        &self,
+        simd: S,
+        start: u32,
+        slab: &Slab,
+        t_max: &mut f32,
+        stack: &mut [Entry],
         mut visit: impl FnMut(u32, &mut f32, &mut [Entry]) -> bool,
     ) -> bool {
         let mut child = start;
@@ -194,17 +253,28 @@ impl Tree {
                         continue;
                     }
                     let t_near: [i32; WIDTH] = t_near.into();
+                    let first = entry(t_near[slot], child);
+                    let slot = entered.trailing_zeros() as usize;
+                    entered &= entered - 1;
+                    let second = entry(t_near[slot % WIDTH], node.child(slot));
+                    // Two children or three are sorted without a branch, as no processor can guess which there are: where
+                    // there is no third, one farther than all stands for it and is not pushed.
+                    let has_third = entered != 0;
+                    let slot = entered.trailing_zeros() as usize % WIDTH;
+                    entered &= entered.wrapping_sub(1);
+                    let none = Entry::from(!has_third).wrapping_neg();
+                    let third = entry(t_near[slot], node.child(slot)) | none;
+                    let (near, far) = (first.min(second), first.max(second));
+                    let (mut nearest, middle, farthest) =
+                        (near.min(third), near.max(third).min(far), far.max(third));
                     let bottom = height;
-                    let mut nearest = entry(t_near[slot], child);
+                    let [low, high] = &mut stack[height..height + 2] else { return false };
+                    (*low, *high) = (farthest & !none | middle & none, middle);
+                    height += 1 + usize::from(has_third);
                     while entered != 0 {
                         let slot = entered.trailing_zeros() as usize;
                         entered &= entered - 1;
                         let next = entry(t_near[slot % WIDTH], node.child(slot));
-                        if !NEAREST_FIRST {
-                            stack[height] = next;
-                            height += 1;
-                            continue;
-                        }
                         let farther = nearest.max(next);
                         nearest = nearest.min(next);
                         // Insertion keeps nearer ones on top.

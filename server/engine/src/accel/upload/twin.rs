@@ -6,7 +6,7 @@
 use glam::{Mat3, Vec3};
 
 use super::*;
-use crate::accel::{Hit, Ray, query::STACK_INLINE};
+use crate::accel::{Hit, Ray};
 
 /// Directions whose components differ by more are tilted by as much, as on the CPU.
 const FLATTEST: f32 = 1e-12;
@@ -265,7 +265,7 @@ fn walk(
 pub(crate) fn closest_hit<const FUSED: bool>(buffers: &AccelBuffers, ray: &Ray) -> Option<Hit> {
     let mut closest: Option<Hit> = None;
     let mut t_max = ray.t_max.min(f32::MAX);
-    let mut stack = Vec::with_capacity(STACK_INLINE);
+    let mut stack = Vec::with_capacity(buffers.stack_need);
     let top_slab = Slab::new(ray.origin, ray.direction, buffers.top_reach);
     let mut peak = 0;
     walk(&buffers.top_nodes, 0, &top_slab, &mut t_max, &mut stack, |parts, t_max, stack| {
