@@ -85,6 +85,8 @@ impl Technique for PathTracer {
             .film
             .tiles_mut()
             .par_iter_mut()
+            // Tile by tile: left alone, threads take halves of the picture, and the one with the easy half waits.
+            .with_max_len(1)
             .filter(|tile| least == most || tile.passes() < most)
             .map(|tile| {
                 let mut counts = Counts::default();
