@@ -8,6 +8,7 @@ mod levels;
 mod precision;
 mod reference;
 mod restoring;
+mod stacks;
 mod threads;
 mod watertight;
 
@@ -124,6 +125,18 @@ fn scene_of(mesh: impl FnOnce(&Id) -> MeshSource) -> Scene {
 fn placed(mesh: impl FnOnce(&Id) -> MeshSource, world_from_mesh: DAffine3) -> Scene {
     let (mut stage, grey) = stage_with_grey();
     stage.place("mesh", mesh(&grey), world_from_mesh).unwrap();
+    stage.finish()
+}
+
+/// Instances of a few triangles, all in one place: the tree over them is deep, as nothing tells them apart.
+fn piled_up(numbers: &mut Numbers, count: usize) -> Scene {
+    let (mut stage, grey) = stage_with_grey();
+    stage.place("0", soup(numbers, 5, 0.5, 0.8, &grey), DAffine3::IDENTITY).unwrap();
+    for index in 1..count {
+        let node =
+            crate::scene::Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Id::new("0") };
+        stage.builder().add_node(Id::sanitised(&index.to_string(), "node"), node).unwrap();
+    }
     stage.finish()
 }
 
