@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::{
     collapse::{Chosen, Collapse},
+    leaf::LEAF_MAX,
     node::{LEAF, WideNode},
     tree::PARALLEL_MIN,
 };
@@ -15,6 +16,7 @@ const SUBTREES: usize = 64;
 
 /// Bits of a leaf's name that say how many members it has.
 const COUNT_BITS: u32 = 3;
+const _: () = assert!(LEAF_MAX == 1 << COUNT_BITS, "a leaf's name must have room for any count of members");
 
 /// Members of a tree in the order of its leaves.
 #[derive(Debug, Default)]
@@ -35,7 +37,7 @@ impl LeafOrder {
     /// Adds the leaf whose members `from` on have been added, and returns its name.
     pub(super) fn finish_leaf(&mut self, from: usize) -> u32 {
         let count = self.members.len() - from;
-        debug_assert!((1..=1 << COUNT_BITS).contains(&count));
+        debug_assert!((1..=LEAF_MAX).contains(&count));
         self.counts.push(count as u8);
         (from as u32) << COUNT_BITS | (count as u32 - 1)
     }

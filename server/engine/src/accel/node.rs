@@ -46,7 +46,7 @@ impl WideNode {
         self.rows[CHILD_ROW][slot] = f32::from_bits(child);
     }
 
-    /// Leads every slot that is used elsewhere.
+    /// Turns where each used slot leads into what `to` makes of it.
     pub(super) fn lead_to(&mut self, to: impl Fn(u32) -> u32) {
         for slot in 0..WIDTH {
             if !self.is_free(slot) {

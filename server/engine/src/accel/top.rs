@@ -1,9 +1,10 @@
 //! The tree over instances: built at once, kept up to date edit by edit.
 //!
 //! Instances that overlap would be walked one after the other from their roots, so the build *opens* the largest: in
-//! place of an instance stand the subtrees of its mesh's tree [Benthin2017]. A moved instance takes its subtrees along,
-//! an added one is put where it enlarges the tree least, a removed one leaves its slots free: work in proportion to the
-//! instances touched and the tree's depth, besides a few passes over plain lists. What that costs later rays is watched by the surface area heuristic.
+//! place of an instance stand the subtrees of its mesh's tree [Benthin2017]. An instance that is alone stays whole, as
+//! nothing overlaps it. A moved instance takes its subtrees along, an added one is put where it enlarges the tree least, a
+//! removed one leaves its slots free: work in proportion to the instances touched and the tree's depth, besides a few
+//! passes over plain lists. What that costs later rays is watched by the surface area heuristic.
 
 use std::{collections::BinaryHeap, sync::Arc};
 
