@@ -88,7 +88,8 @@ impl Accel {
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
         let (mut slab, mut shear) = (Slab::NONE, Shear::NONE);
-        let mut t_max = ray.t_max;
+        // A negative one, also in place of NaN, lets nothing be entered.
+        let mut t_max = ray.t_max.max(-1.0);
         top.tree().walk::<S, NEAREST_FIRST>(
             simd,
             top.start(),
