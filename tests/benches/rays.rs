@@ -1,8 +1,8 @@
 //! How fast rays find surfaces: our trees beside obvhs's own traversal and Embree, on the same triangles and rays.
 //!
 //! `cargo bench -p lumicast-tests --bench rays [-- NAME …]`; the names are `sponza`, `dragon`, `boulder` and
-//! `updates`, all of them without arguments. `batches` beside the subjects' names asks instead whether sorting
-//! incoherent rays pays on them. Prints Markdown. Everyone takes turns and the best of five counts: the
+//! `updates`, all of them without arguments. `batches` asks instead whether sorting incoherent rays pays, on the subjects
+//! named beside it or on all. Prints Markdown. Everyone takes turns and the best of five counts: the
 //! machine may be shared. Embree needs `apt-get install libembree-dev g++`; without it its columns stay empty.
 
 #[path = "rays/answer.rs"]
@@ -40,24 +40,24 @@ const BUILD_ROUNDS: usize = 3;
 const AGREEMENT: f64 = 1e-4;
 
 fn main() {
-    let named: Vec<String> =
-        std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
-    let is_named = |name: &str| named.iter().any(|wanted| wanted == name);
-    let is_wanted = |name: &str| named.is_empty() || is_named(name);
+    let (modes, named): (Vec<String>, Vec<String>) = std::env::args()
+        .skip(1)
+        .filter(|argument| !argument.starts_with("--"))
+        .partition(|argument| argument == "batches");
+    let is_wanted = |name: &str| named.is_empty() || named.iter().any(|wanted| wanted == name);
+    let subjects = subject::NAMES.into_iter().filter(|name| is_wanted(name)).filter_map(Subject::named);
     let pools = Pools::new();
+    if !modes.is_empty() {
+        subjects.for_each(|subject| batches::measure(&subject, &pools));
+        return;
+    }
     println!(
         "Rays in million a second, builds in milliseconds, {} rays a kind. T = threads, Embree-1 = single rays, \
          Embree-8 = packets of eight. Ratios are ours to Embree with 1T / 2T; above 1 ours is better. Embree runs in its default mode, \
          which is not watertight; rows of the two-level tree stand beside its tree over one flat mesh.",
         ray_set::RAY_COUNT
     );
-    for name in subject::NAMES.into_iter().filter(|name| is_wanted(name)) {
-        match Subject::named(name) {
-            Some(subject) if is_named("batches") => batches::measure(&subject, &pools),
-            Some(subject) => measure(&subject, &pools),
-            None => {}
-        }
-    }
+    subjects.for_each(|subject| measure(&subject, &pools));
     if is_wanted("updates") {
         updates::measure(&pools);
     }

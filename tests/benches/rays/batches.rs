@@ -10,6 +10,7 @@ use lumicast_engine::accel::{Accel, Hit, Ray};
 use lumicast_tests::Random;
 
 use crate::{
+    ROUNDS,
     answer::Pools,
     ours::Tree,
     ray_set::{Kind, onward_rays},
@@ -19,8 +20,6 @@ use crate::{
 
 /// Rays sorted at once: what a tile of a picture asks for, what a large tile does, what a whole picture does.
 const SIZES: [usize; 3] = [1 << 10, 1 << 14, usize::MAX];
-/// Rounds; the best counts, and everything takes its turn in each.
-const ROUNDS: usize = 5;
 /// Cells on each axis of the box around a batch's origins, as a power of two: 32 … 256 were much the same.
 const CELL_BITS: u32 = 5;
 /// Steps of each coordinate of a direction, as a power of two.
@@ -47,7 +46,10 @@ pub(crate) fn measure(subject: &Subject, pools: &Pools) {
         let rates = pools.of[0].install(|| rates(&tree.accel, rays));
         [name.to_string()].into_iter().chain(rates.map(|rate| format!("{rate:.2}"))).collect()
     });
-    print_markdown(&["", "as they come", "sorted by 1024", "sorted by 16,384", "all sorted"], &rows);
+    let sorted =
+        SIZES.map(|size| if size == usize::MAX { "all sorted".into() } else { format!("sorted by {size}") });
+    let [small, large, all] = &sorted;
+    print_markdown(&["", "as they come", small, large, all], &rows);
 }
 
 fn rates(accel: &Accel, rays: &[Ray]) -> [f64; SIZES.len() + 1] {
@@ -66,7 +68,7 @@ fn rates(accel: &Accel, rays: &[Ray]) -> [f64; SIZES.len() + 1] {
         for (size, best) in SIZES.into_iter().zip(&mut *sorted) {
             hits.fill(None);
             let once = seconds(&mut || {
-                for (rays, hits) in rays.chunks(size).zip(hits.chunks_mut(size.min(rays.len()))) {
+                for (rays, hits) in rays.chunks(size).zip(hits.chunks_mut(size)) {
                     closest_hits_sorted(accel, rays, hits);
                 }
             });
