@@ -32,7 +32,7 @@ fn walks_within_walks_answer_as_walks_alone() {
     let mut numbers = Numbers(101);
     let accel = Accel::build(&scene_of(|grey| soup(&mut numbers, 500, 1.0, 0.5, grey)));
     let rays = random_rays(&mut numbers, 400, 1.5);
-    let accept = |hit: &Hit| hit.triangle % 3 != 0;
+    let accept = |hit: &Hit| !hit.triangle.is_multiple_of(3);
     let answer = |ray: &Ray| (accel.closest_hit(ray, accept), accel.is_occluded(ray, accept));
     let alone: Vec<_> = rays.iter().map(answer).collect();
     for (index, (ray, expected)) in rays.iter().zip(&alone).enumerate() {
