@@ -174,6 +174,12 @@ settings! {
     frame_seconds: f64 = 2.0;
     /// Samples per pixel at which a picture rests even when its error is not reached.
     samples_max: u32 = 65_536;
+    /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
+    /// them; at most 100 million.
+    photons: u32 = 1_000_000;
+    /// Halvings of the scene's cube down to the cells of its light octree, 4 to 10: each doubles the detail and about
+    /// quadruples memory and time.
+    octree_depth: u32 = 8;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
     /// second with packing and sending.
     moving_pass_ms: f64 = 40.0;
@@ -318,6 +324,12 @@ impl Config {
         ];
         if let Some((key, value)) = counts.into_iter().find(|(_, value)| *value == 0) {
             return bad(key, &value, "at least 1");
+        }
+        if !(1..=100_000_000).contains(&self.photons) {
+            return bad("photons", &self.photons, "1 to 100000000");
+        }
+        if !(4..=10).contains(&self.octree_depth) {
+            return bad("octree_depth", &self.octree_depth, "4 to 10");
         }
         if self.bodies_bytes < self.body_bytes {
             return bad("bodies_bytes", &self.bodies_bytes, "at least body_bytes");

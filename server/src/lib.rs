@@ -14,6 +14,7 @@ pub mod config;
 pub mod convert;
 pub mod http;
 pub mod images;
+pub mod report;
 pub mod scenes;
 pub mod shutdown;
 pub mod store;

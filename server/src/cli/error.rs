@@ -5,6 +5,7 @@ use std::io;
 use crate::{
     assets::AssetError,
     images::{EncodeError, FileError},
+    report::ReportError,
 };
 
 /// A command's failure. Printed once, by `main`, as one line on standard error.
@@ -22,6 +23,9 @@ pub enum CliError {
     /// A file that could not be written.
     #[error(transparent)]
     File(#[from] FileError),
+    /// A report that could not be made.
+    #[error(transparent)]
+    Report(#[from] ReportError),
     /// The system refused something else.
     #[error("{doing}: {source}")]
     System {

@@ -8,6 +8,7 @@ pub mod error;
 pub mod info;
 mod output;
 pub mod render;
+mod report;
 pub mod scene_source;
 mod serve;
 
@@ -37,6 +38,7 @@ enum Command {
     Edit(edit::EditArgs),
     Render(render::RenderArgs),
     Info(info::InfoArgs),
+    Report(report::ReportArgs),
 }
 
 impl Arguments {
@@ -48,6 +50,7 @@ impl Arguments {
             Some(Command::Edit(arguments)) => arguments.run().map_err(|error| (error.to_string(), 1)),
             Some(Command::Render(arguments)) => render::run(arguments).map_err(with_code),
             Some(Command::Info(arguments)) => info::run(arguments).map_err(with_code),
+            Some(Command::Report(arguments)) => report::run(arguments).map_err(with_code),
         };
         match done {
             Ok(()) => ExitCode::SUCCESS,

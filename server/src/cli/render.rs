@@ -23,7 +23,7 @@ use std::{
 use lumicast_engine::{
     effects::EffectPlan,
     film::{Display, Film, PictureSize},
-    render::{RenderSettings, Rendering},
+    render::{Illumination, Indirect, Learning, RenderSettings, Rendering},
     transport::World,
 };
 
@@ -34,7 +34,7 @@ pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
 use interrupt::Interrupt;
 use progress::Progress;
 use snapshots::Snapshots;
-use statistics::{Bytes, Counts, NOT_RUN, Seconds, Statistics};
+use statistics::{Bytes, Counts, Seconds, Statistics, not_run};
 use stop::{StopReason, StopRule};
 
 /// Renders the picture that `args` ask for.
@@ -64,6 +64,11 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     }
     if format == OutputFormat::Exr && args.exposure != 0.0 {
         eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
+    }
+    if args.indirect == Indirect::Octree && args.error.is_some() {
+        let message = "--error: the light octree's error is more than its noise and is not measured yet: \
+                       give --time or --samples, or take --indirect path";
+        return Err(CliError::Usage(message.into()));
     }
     for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
         let Some(path) = path else { continue };
@@ -140,7 +145,9 @@ impl<'a> Job<'a> {
 
     fn rendering(&self) -> Rendering {
         let RenderArgs { indirect, bounces, seed, .. } = *self.args;
-        let settings = RenderSettings { indirect, bounces_max: bounces, seed };
+        // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
+        let learning = if self.rule.time.is_some() { Learning::Alongside } else { Learning::First };
+        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning };
         Rendering::new(self.world.clone(), self.view, self.size, settings)
     }
 
@@ -190,7 +197,7 @@ impl<'a> Job<'a> {
             {
                 snapshots.take_if_due(rendering.film(), &self.facts_now(rendering), seconds)?;
             }
-            if let Some(reason) = self.is_done(rendering.film(), seconds) {
+            if let Some(reason) = self.is_done(rendering, seconds) {
                 break reason;
             }
         };
@@ -204,9 +211,11 @@ impl<'a> Job<'a> {
     }
 
     /// Sample and error bounds are looked at after whole passes only, so that no alarm decides about them.
-    fn is_done(&self, film: &Film, seconds: f64) -> Option<StopReason> {
-        let is_whole = film.passes_min() == film.passes_max();
-        let by_film = if is_whole { self.rule.is_done(film) } else { None };
+    fn is_done(&self, rendering: &Rendering, seconds: f64) -> Option<StopReason> {
+        let film = rendering.film();
+        let is_whole = film.passes_min() == film.passes_max() && rendering.knows_its_light();
+        let by_film =
+            if is_whole { self.rule.is_done(film.passes_min(), || rendering.measured_error()) } else { None };
         by_film
             .or_else(|| self.rule.time.filter(|time| seconds >= time.as_secs_f64()).map(|_| StopReason::Time))
     }
@@ -232,7 +241,7 @@ impl<'a> Job<'a> {
     }
 
     fn facts_now(&self, rendering: &Rendering) -> PictureFacts {
-        let (error, error_ci, _) = statistics::shown_errors(rendering.film().measured_error());
+        let (error, error_ci, _) = statistics::shown_errors(rendering.measured_error());
         PictureFacts {
             // A file is a scene before its first edit.
             revision: 1,
@@ -266,8 +275,9 @@ impl<'a> Job<'a> {
 
     fn statistics(&self, rendering: &Rendering, outcome: &Outcome) -> Statistics {
         let (film, counts, report) = (rendering.film(), rendering.counts(), self.world.report());
-        let (error, error_ci, error_trimmed) = statistics::shown_errors(film.measured_error());
+        let (error, error_ci, error_trimmed) = statistics::shown_errors(rendering.measured_error());
         let plan = EffectPlan::of(self.world.scene());
+        let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
         Statistics {
             version: env!("CARGO_PKG_VERSION"),
             scene: self.args.scene.to_string(),
@@ -287,7 +297,9 @@ impl<'a> Job<'a> {
             seconds: Seconds {
                 load: self.load_seconds,
                 bvh: self.bvh_seconds,
-                frame: outcome.frame_seconds,
+                photons: light.photon_seconds,
+                octree: light.octree_seconds,
+                frame: outcome.frame_seconds - light.photon_seconds - light.octree_seconds,
                 total: outcome.seconds + self.load_seconds,
                 ..Seconds::default()
             },
@@ -296,6 +308,9 @@ impl<'a> Job<'a> {
                 shadow_rays: counts.shadow_rays,
                 paths: counts.paths,
                 dropped_samples: film.dropped_samples(),
+                photons_stored: light.photons_stored,
+                voxels: light.voxels,
+                vdls: light.vdls,
                 ..Counts::default()
             },
             bytes: Bytes {
@@ -303,10 +318,12 @@ impl<'a> Job<'a> {
                 textures: report.texture_bytes,
                 bvh: report.accel.bytes,
                 lights: report.light_bytes,
+                photons: light.photon_bytes,
+                octree: light.octree_bytes,
                 film: film.bytes(),
             },
             effects: statistics::effects(&plan, self.args.indirect, self.args.bounces),
-            not_run: NOT_RUN.to_vec(),
+            not_run: not_run(self.args.indirect),
         }
     }
 }

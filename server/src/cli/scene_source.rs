@@ -2,7 +2,7 @@
 
 use std::{path::PathBuf, str::FromStr, sync::Arc, time::Instant};
 
-use lumicast_engine::scene::{Scene, samples};
+use lumicast_engine::scene::{Scene, SceneError, samples};
 
 use super::CliError;
 use crate::assets::{AssetLimits, load_scene};
@@ -14,6 +14,8 @@ pub enum SceneSource {
     File(PathBuf),
     /// `builtin:cornell-box`.
     CornellBox,
+    /// `builtin:boxes`.
+    Boxes,
 }
 
 impl FromStr for SceneSource {
@@ -23,7 +25,10 @@ impl FromStr for SceneSource {
         match value.strip_prefix("builtin:") {
             None => Ok(SceneSource::File(value.into())),
             Some("cornell-box") => Ok(SceneSource::CornellBox),
-            Some(name) => Err(format!("there is no built-in scene {name:?}: there is builtin:cornell-box")),
+            Some("boxes") => Ok(SceneSource::Boxes),
+            Some(name) => Err(format!(
+                "there is no built-in scene {name:?}: there are builtin:cornell-box and builtin:boxes"
+            )),
         }
     }
 }
@@ -33,6 +38,7 @@ impl std::fmt::Display for SceneSource {
         match self {
             SceneSource::File(path) => write!(f, "{}", path.display()),
             SceneSource::CornellBox => f.write_str("builtin:cornell-box"),
+            SceneSource::Boxes => f.write_str("builtin:boxes"),
         }
     }
 }
@@ -52,12 +58,15 @@ impl SceneSource {
         let start = Instant::now();
         let scene = match self {
             SceneSource::File(path) => load_scene(path, &AssetLimits::default())?,
-            SceneSource::CornellBox => {
-                samples::cornell_box().map_err(|error| CliError::Usage(error.to_string()))?
-            }
+            SceneSource::CornellBox => built_in(samples::cornell_box())?,
+            SceneSource::Boxes => built_in(samples::boxes())?,
         };
         Ok(LoadedScene { scene: Arc::new(scene), load_seconds: start.elapsed().as_secs_f64() })
     }
+}
+
+fn built_in(scene: Result<Scene, SceneError>) -> Result<Scene, CliError> {
+    scene.map_err(|error| CliError::Usage(error.to_string()))
 }
 
 #[cfg(test)]
@@ -68,6 +77,7 @@ mod tests {
     #[test]
     fn sources_are_files_or_named_scenes() {
         assert_eq!("builtin:cornell-box".parse(), Ok(SceneSource::CornellBox));
+        assert_eq!("builtin:boxes".parse(), Ok(SceneSource::Boxes));
         assert_eq!("a/b.glb".parse(), Ok(SceneSource::File("a/b.glb".into())));
         assert!("builtin:sponza".parse::<SceneSource>().unwrap_err().contains("builtin:cornell-box"));
     }

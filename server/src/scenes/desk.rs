@@ -8,6 +8,7 @@ use super::{DeskMessage, EditJob, News, Scene, Snapshot, lock};
 use crate::assets;
 use crate::convert;
 use crate::store::{Base, Encoded, Record, SceneStore};
+use lumicast_engine::scene::SceneChange;
 use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind, SceneDescription};
 use serde_json::Value;
 use std::sync::atomic::Ordering::SeqCst;
@@ -89,7 +90,8 @@ impl Desk {
         let scene = Arc::new(applied.scene);
         let world = self.scene.workshop.building_pool.install(|| before.world.update(scene, &applied.change));
         let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
-        self.record_and_publish(snapshot, batch, idempotency_key.zip(digest))
+        let change = applied.change;
+        self.record_and_publish(snapshot, change, batch, idempotency_key.zip(digest))
     }
 
     /// The batch as it will be kept.
@@ -117,6 +119,7 @@ impl Desk {
     fn record_and_publish(
         &mut self,
         snapshot: Snapshot,
+        change: SceneChange,
         batch: Batch,
         key: Option<(String, u64)>,
     ) -> Result<EditReply, Problem> {
@@ -133,6 +136,8 @@ impl Desk {
         let bytes = batch.len_bytes();
         let Record { seconds_since_epoch, edits, .. } = batch.into_record();
         let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits });
+        // Before the scene itself: whoever sees that scene must find what led to it.
+        lock(&self.scene.board).light_changes.push(revision, change);
         {
             let mut history = lock(&self.scene.history);
             *self.scene.snapshot.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(snapshot);

@@ -10,6 +10,7 @@ mod desk;
 mod frames;
 mod history;
 mod ladder;
+mod lighting;
 mod painter;
 mod registry;
 mod request;
@@ -125,6 +126,8 @@ struct Board {
     viewers: Vec<Arc<Viewer>>,
     requests: VecDeque<request::Job>,
     requests_open: usize,
+    /// What edits changed of the light since the render thread last looked.
+    light_changes: lighting::LightChanges,
     /// Something changed since the render thread last looked.
     news: bool,
     closing: bool,

@@ -7,15 +7,16 @@
 
 use super::frames::{self, Packer};
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
+use super::lighting::Lighting;
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
 use super::{Scene, Snapshot, Workshop, lock};
 use crate::convert;
 use lumicast_engine::film::{Film, MeasuredError, PictureSize};
-use lumicast_engine::render::{Indirect, RenderSettings, Rendering};
+use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, ProblemKind, Stats, View};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -23,6 +24,8 @@ use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
+/// Slice of learning about the light between two slices of refining: as [`Rendering`] shares its time.
+const LEARNING_SECONDS: f64 = 0.3;
 /// Passes before a measured error is believed: four in each of the two halves.
 const PASSES_BELIEVED: u32 = 8;
 /// A picture still black all over after so many passes is taken as black: its error cannot be measured.
@@ -107,6 +110,8 @@ struct ViewerFilm {
     quick_divisor: u32,
     shown: Option<Shown>,
     offer_at_passes: u32,
+    /// What was known of the light for its last pass.
+    light_generation: u64,
     measured: Option<MeasuredError>,
     packer: Packer,
     speed: Speed,
@@ -126,12 +131,23 @@ enum Task {
     Refine,
 }
 
+/// When a picture rests.
+#[derive(Debug, Clone, Copy)]
+struct Rest {
+    /// At so many samples in any case …
+    samples_max: u32,
+    /// … but not before all is known of its light.
+    is_lit: bool,
+}
+
 /// Draws for one scene.
 #[derive(Debug)]
 pub(super) struct Painter {
     scene: Arc<Scene>,
     films: HashMap<u64, ViewerFilm>,
     drawings: Vec<Drawing>,
+    /// What is known of the scene's light.
+    lighting: Lighting,
     speed: Speed,
     /// Of quick passes alone: small pictures keep all cores busy less well than large ones.
     quick_speed: Speed,
@@ -156,6 +172,7 @@ impl Painter {
             scene,
             films: HashMap::new(),
             drawings: Vec::new(),
+            lighting: Lighting::default(),
             speed: Speed::default(),
             quick_speed: Speed::default(),
             turn: 0,
@@ -170,6 +187,7 @@ impl Painter {
             self.films.retain(|id, _| viewers.iter().any(|viewer| viewer.id() == *id));
             self.settle_drawings();
             let snapshot = self.scene.snapshot();
+            self.follow_light(&viewers, &snapshot);
             let tasks: Vec<(Arc<Viewer>, Option<Wish>, Task)> = viewers
                 .into_iter()
                 .map(|viewer| {
@@ -181,7 +199,9 @@ impl Painter {
                     (viewer, wish, task)
                 })
                 .collect();
-            if !self.work_one_round(&tasks, &snapshot) {
+            let is_moving = tasks.iter().any(|(_, _, task)| *task == Task::Start);
+            let has_learnt = self.learn(is_moving);
+            if !self.work_one_round(&tasks, &snapshot) && !has_learnt {
                 let later = tasks.iter().filter_map(|(_, _, task)| match task {
                     Task::Later(at) => Some(*at),
                     _ => None,
@@ -189,6 +209,48 @@ impl Painter {
                 self.rest_until(later.min());
             }
         }
+    }
+
+    /// Brings what is known of the light to the present scene, and into the films that show it.
+    fn follow_light(&mut self, viewers: &[Arc<Viewer>], snapshot: &Snapshot) {
+        let wishes = viewers.iter().filter_map(|viewer| viewer.wish());
+        let wanted = wishes.filter(|wish| wish.indirect == Indirect::Octree).map(|wish| wish.bounces_max);
+        let wanted: HashSet<Option<u32>> = wanted.collect();
+        let mut changes = std::mem::take(&mut lock(&self.scene.board).light_changes);
+        self.lighting.follow(snapshot, &mut changes, &wanted, &self.scene.workshop);
+        // What came in the meantime lies behind what is left.
+        let board = &mut lock(&self.scene.board);
+        std::mem::swap(&mut board.light_changes, &mut changes);
+        board.light_changes.append(changes);
+        for film in self.films.values_mut().filter(|film| film.is_lit_by_the_scene()) {
+            let bounces_max = film.key.bounces_max;
+            let generation = self.lighting.generation(bounces_max);
+            if film.light_generation == generation {
+                continue;
+            }
+            let known = self.lighting.known(bounces_max);
+            film.light_generation = generation;
+            film.measured = None;
+            film.offer_at_passes = 0;
+            for layer in film.layer.iter_mut().chain(&mut film.climb) {
+                layer.rendering.relight(known.clone());
+            }
+        }
+    }
+
+    /// Learns of the light for a slice of time; true when it did anything.
+    fn learn(&mut self, is_moving: bool) -> bool {
+        let milliseconds = self.scene.workshop.config.moving_pass_ms;
+        // Who looks without the octree gets as much time as is spent on learning.
+        let is_alone = self.films.values().all(ViewerFilm::is_lit_by_the_scene);
+        let slice = match (is_moving, is_alone) {
+            (true, _) => milliseconds * 1e-3,
+            (false, true) => LEARNING_SECONDS,
+            (false, false) => SLICE_SECONDS,
+        };
+        let scene = &self.scene;
+        let is_news = || lock(&scene.board).news;
+        self.lighting.learn(Duration::from_secs_f64(slice), &scene.workshop, is_news)
     }
 
     /// Takes new requests and the list of viewers; `None` when the scene closes.
@@ -250,7 +312,11 @@ impl Painter {
         };
         let Some(film) = film else { return Task::Start };
         let task = match (&film.layer, film.key == self.key_of(wish, snapshot, Some(film))) {
-            (Some(layer), true) => film.next(layer, wish, snapshot, self.scene.workshop.config.samples_max),
+            (Some(layer), true) => {
+                let samples_max = self.scene.workshop.config.samples_max;
+                let is_lit = !film.is_lit_by_the_scene() || self.lighting.is_complete(film.key.bounces_max);
+                film.next(layer, wish, snapshot, Rest { samples_max, is_lit })
+            }
             _ => Task::Start,
         };
         match (task, earliest(film)) {
@@ -406,13 +472,15 @@ impl Painter {
             indirect: wish.indirect,
             bounces_max: wish.bounces_max,
             seed: self.scene.workshop.config.seed,
+            learning: Learning::Alongside,
         };
-        Ok(Layer {
-            rendering: Rendering::new(snapshot.world.clone(), film.key.view, picture, settings),
-            divisor,
-            size,
-            _memory: FilmMemory::of(&self.scene.workshop, picture),
-        })
+        let (world, view) = (snapshot.world.clone(), film.key.view);
+        let rendering = if film.is_lit_by_the_scene() {
+            Rendering::with(world, view, picture, settings, self.lighting.known(film.key.bounces_max))
+        } else {
+            Rendering::new(world, view, picture, settings)
+        };
+        Ok(Layer { rendering, divisor, size, _memory: FilmMemory::of(&self.scene.workshop, picture) })
     }
 
     /// One more pass of the present film, or of the next rung's.
@@ -508,8 +576,10 @@ impl Painter {
         let Some(layer) = &film.layer else { return };
         let rendering = &layer.rendering;
         let passes = rendering.passes();
-        film.measured = rendering.film().measured_error();
-        let converged = film.has_converged(layer, wish, self.scene.workshop.config.samples_max);
+        film.measured = rendering.measured_error();
+        let is_lit = !film.is_lit_by_the_scene() || self.lighting.is_complete(film.key.bounces_max);
+        let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
+        let converged = film.has_converged(layer, wish, rest);
         let codec = frames::codec(wish.quality.codec, converged);
         film.offer_at_passes = passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1);
         // Even if packing fails: it would fail again at once.
@@ -566,6 +636,7 @@ impl ViewerFilm {
             quick_divisor: DIVISOR_MAX,
             shown: None,
             offer_at_passes: 0,
+            light_generation: 0,
             measured: None,
             packer: Packer::default(),
             speed,
@@ -583,9 +654,14 @@ impl ViewerFilm {
         self.measured = None;
     }
 
+    /// It shows what is known of the scene's light, for all viewers alike.
+    fn is_lit_by_the_scene(&self) -> bool {
+        self.key.indirect == Indirect::Octree
+    }
+
     /// What comes next for a film whose key still holds.
-    fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, samples_max: u32) -> Task {
-        let converged = self.has_converged(layer, wish, samples_max);
+    fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, rest: Rest) -> Task {
+        let converged = self.has_converged(layer, wish, rest);
         let is_news = |shown: &Shown| {
             shown.camera_count != wish.camera_count
                 || shown.quality_count != wish.quality_count
@@ -600,13 +676,13 @@ impl ViewerFilm {
         }
     }
 
-    fn has_converged(&self, layer: &Layer, wish: &Wish, samples_max: u32) -> bool {
+    fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
         let reached = match self.measured {
             Some(measured) => passes >= PASSES_BELIEVED && measured.error() <= wish.target_error,
             None => passes >= PASSES_BLACK,
         };
-        layer.divisor <= self.divisor_min && (reached || passes >= samples_max)
+        layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
     }
 
     /// Whether a refined picture is worth sending.

@@ -144,7 +144,8 @@ impl Scene {
 impl Drawing {
     pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
         let config = &workshop.config;
-        let settings = RenderSettings { indirect: Indirect::Auto, bounces_max: None, seed: config.seed };
+        let settings =
+            RenderSettings { indirect: Indirect::Auto, seed: config.seed, ..RenderSettings::default() };
         let seconds = match job.request.until {
             Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
             Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
@@ -181,7 +182,7 @@ impl Drawing {
         }
         if passes >= self.measure_at {
             self.measure_at = passes + passes.div_ceil(4);
-            self.error = self.rendering.film().measured_error().map(|measured| measured.error());
+            self.error = self.rendering.measured_error().map(|measured| measured.error());
             if let (Until::Error(target), Some(error)) = (self.job.request.until, self.error)
                 // Eight passes: four in each half, the least that says something about the spread.
                 && passes >= 8 && error <= target
@@ -196,7 +197,7 @@ impl Drawing {
     pub(super) fn finish(self) {
         let Drawing { job, rendering, started, seed, memory: _memory, .. } = self;
         let film = rendering.film();
-        let measured = film.measured_error();
+        let measured = rendering.measured_error();
         let error = measured.map(|measured| measured.error());
         let request = &job.request;
         let shown = || Display::new(request.tone_map, request.exposure_ev).show_all(&film.radiance());

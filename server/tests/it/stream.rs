@@ -332,6 +332,20 @@ async fn a_flood_is_refused_then_disconnected() {
     server.stop().await;
 }
 
+/// Two viewers share what the scene knows of its light, one more looks with a bound on bounces; all get pictures, and an
+/// edit reaches them.
+#[tokio::test]
+async fn viewers_look_through_the_octree() {
+    let server = Server::start(|config| config.photons = 20_000).await;
+    for bounces in [json!(null), json!(2)] {
+        let mut viewer = server.viewer().await;
+        viewer.say(json!({"type": "accuracy", "technique": "octree", "bounces": bounces})).await;
+        viewer.say(json!({"type": "camera", "stamp": 7, "size": SMALL, "camera": "main"})).await;
+        let (header, _) = viewer.frame_where(|header| header.camera_stamp == 7 && header.samples >= 4).await;
+        assert_eq!(header.error, None, "the octree's error is not measured");
+    }
+}
+
 /// Refusals that keep the connection: unknown camera, bad pose, a frame never sent, a technique not there yet.
 #[tokio::test]
 async fn a_refused_message_changes_nothing() {
@@ -347,7 +361,7 @@ async fn a_refused_message_changes_nothing() {
         ),
         (json!({"type": "camera", "stamp": 1, "size": [0, 1], "camera": "main"}), 422, "size"),
         (json!({"type": "ack", "frame": 9}), 422, "frame"),
-        (json!({"type": "accuracy", "technique": "octree"}), 422, "technique"),
+        (json!({"type": "accuracy", "technique": "irradiance"}), 422, "technique"),
         (json!({"type": "quality", "jpeg_quality": 0}), 422, "jpeg_quality"),
         (json!({"type": "hello", "client": "again", "version": "1"}), 400, ""),
         (json!({"type": "dance"}), 400, ""),

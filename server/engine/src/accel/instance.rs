@@ -93,6 +93,11 @@ impl Instance {
         }
     }
 
+    /// What rounding may move a ray by on its way into mesh space, m: rays may be stopped so far outside the bounds.
+    pub fn slack_m(&self) -> f32 {
+        self.slack
+    }
+
     /// The node.
     pub fn node_id(&self) -> &Id {
         &self.node_id
@@ -120,7 +125,8 @@ impl Instance {
         self.centre_in_render
     }
 
-    pub(super) fn bounds_in_world(&self) -> &scene::Aabb {
+    /// Bounds in the world.
+    pub fn bounds_in_world(&self) -> &scene::Aabb {
         &self.bounds_in_world
     }
 

@@ -47,7 +47,7 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
         return None;
     }
     let shown = film.image([0.0; 3], Pixel::total_mean);
-    let squared = film.image([0.0; 3], Pixel::squared_error_of_mean);
+    let squared = film.image([0.0; 3], |pixel, held| pixel.squared_error_of_mean(held.passes));
     let mean = shown.iter().flatten().sum::<f64>() / (3 * shown.len()) as f64;
     if mean <= 0.0 {
         let none = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: 0.0 };

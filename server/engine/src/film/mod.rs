@@ -23,7 +23,7 @@ pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
 
-use pixel::Pixel;
+use pixel::{Held, Pixel};
 
 /// Width and height of a picture in pixels, each in 1 ..= [`PictureSize::SIDE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -119,6 +119,12 @@ impl Film {
         &mut self.tiles
     }
 
+    /// Lets the passes to come replace the light that comes by way of other surfaces (caustics and indirect light), since
+    /// more is known of it now. What was sampled of light seen directly and direct light stays.
+    pub fn outdate_secondary(&mut self) {
+        self.tiles.iter_mut().for_each(Tile::outdate_secondary);
+    }
+
     /// Passes that every pixel has.
     pub fn passes_min(&self) -> u32 {
         self.tiles.iter().map(Tile::passes).min().unwrap_or(0)
@@ -147,17 +153,17 @@ impl Film {
 
     /// Radiance of all path classes together, W/(m² sr); black where no pass has run.
     pub fn radiance(&self) -> Vec<Rgb> {
-        self.image(Rgb::BLACK, |pixel, passes| rgb_from(pixel.total_mean(passes)))
+        self.image(Rgb::BLACK, |pixel, held| rgb_from(pixel.total_mean(held)))
     }
 
     /// Radiance of one path class, W/(m² sr). The layers add up to [`Film::radiance`].
     pub fn layer(&self, class: PathClass) -> Vec<Rgb> {
-        self.image(Rgb::BLACK, |pixel, passes| rgb_from(pixel.class_mean(class, passes)))
+        self.image(Rgb::BLACK, |pixel, held| rgb_from(pixel.class_mean(class, held)))
     }
 
     /// Mean albedo of the first hit; samples that hit nothing count as black.
     pub fn albedo(&self) -> Vec<Rgb> {
-        self.image(Rgb::BLACK, |pixel, passes| pixel.albedo_sum / passes as f32)
+        self.image(Rgb::BLACK, |pixel, held| pixel.albedo_sum / held.passes as f32)
     }
 
     /// Mean direction of the first hits' normals in the world, unit length; zero where nothing was hit.
@@ -176,18 +182,22 @@ impl Film {
     /// Unbiased for independent samples; for the stratified samples of a pixel it is an upper estimate,
     /// because it does not see that they avoid each other. [`Film::measured_error`] does.
     pub fn variance(&self) -> Vec<f32> {
-        self.image(0.0, |pixel, passes| pixel.variance_of_mean(passes).min(f64::from(f32::MAX)) as f32)
+        self.image(0.0, |pixel, held| pixel.variance_of_mean(held.passes).min(f64::from(f32::MAX)) as f32)
     }
 
     /// The error of the picture shown now, measured from its two independent halves; `None` below two
     /// passes anywhere and below 64 of a picture that is black all over. Takes some 0.1 µs a pixel:
     /// ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
+        if self.tiles.iter().any(|tile| tile.held().forgotten > 0) {
+            // The halves hold what the picture does not show any more.
+            return None;
+        }
         measured::measure(self)
     }
 
     /// One value per pixel, from tiles to rows; `empty` where no pass has run.
-    fn image<T: Copy>(&self, empty: T, value: impl Fn(&Pixel, u32) -> T) -> Vec<T> {
+    fn image<T: Copy>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T) -> Vec<T> {
         let width = self.size.width as usize;
         let mut image = vec![empty; self.size.pixel_count()];
         for tile in self.tiles.iter().filter(|tile| tile.passes() > 0) {
@@ -195,7 +205,7 @@ impl Film {
             for (row_index, row) in tile.pixels.chunks_exact(size.x as usize).enumerate() {
                 let start = (origin.y as usize + row_index) * width + origin.x as usize;
                 for (to, pixel) in image[start..].iter_mut().zip(row) {
-                    *to = value(pixel, tile.passes());
+                    *to = value(pixel, tile.held());
                 }
             }
         }

@@ -46,6 +46,29 @@ impl PixelSample {
     }
 }
 
+/// How many passes a tile's sums hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Held {
+    /// Passes.
+    pub(super) passes: u32,
+    /// Those whose secondary light was forgotten.
+    pub(super) forgotten: u32,
+}
+
+impl Held {
+    /// Passes that a class's sum holds.
+    fn of(self, class: PathClass) -> u32 {
+        match class {
+            PathClass::Emitted | PathClass::Direct => self.passes,
+            PathClass::Caustic | PathClass::Indirect => self.passes - self.forgotten,
+        }
+    }
+
+    fn after_one_more(self) -> Held {
+        Held { passes: self.passes + 1, ..self }
+    }
+}
+
 /// Sums over the samples of one pixel. Why which precision: [`super::Film::BYTES_PER_PIXEL`].
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pixel {
@@ -62,9 +85,10 @@ pub(super) struct Pixel {
 }
 
 impl Pixel {
-    /// Takes in the sample of pass `pass_index`, which must be the number of samples taken in before.
-    pub(super) fn add(&mut self, sample: &PixelSample, pass_index: u32) {
-        let luminance_sum_before = luminance(self.total_sum());
+    /// Takes in a sample after those that the sums hold.
+    pub(super) fn add(&mut self, sample: &PixelSample, held: Held) {
+        let pass_index = held.passes;
+        let mean_before = luminance(self.total_mean(held));
         // Even passes are half A, odd ones half B.
         let sign = if pass_index & 1 == 0 { 1.0 } else { -1.0 };
         for (sums, radiance) in self.radiance_sum.iter_mut().zip(&sample.radiance) {
@@ -73,7 +97,10 @@ impl Pixel {
                 self.half_difference[channel_index] += sign * f64::from(value);
             }
         }
-        self.add_deviation(luminance_sum_before, pass_index);
+        if pass_index > 0 {
+            let value = f64::from(sample.total().luminance());
+            self.add_deviation(value, mean_before, luminance(self.total_mean(held.after_one_more())));
+        }
         self.albedo_sum += sample.albedo;
         if sample.depth_m > 0.0 {
             self.normal_sum += sample.normal;
@@ -82,16 +109,16 @@ impl Pixel {
         }
     }
 
+    /// Drops the light that comes by way of other surfaces.
+    pub(super) fn forget_secondary(&mut self) {
+        for class in [PathClass::Caustic, PathClass::Indirect] {
+            self.radiance_sum[class as usize] = [0.0; 3];
+        }
+    }
+
     /// Welford's step with the means taken from the sums, so that they need no place of their own:
     /// with n samples before, M₂ grows by (x − mean_n)(x − mean_{n+1}).
-    fn add_deviation(&mut self, luminance_sum_before: f64, count_before: u32) {
-        if count_before == 0 {
-            return;
-        }
-        let luminance_sum = luminance(self.total_sum());
-        let value = luminance_sum - luminance_sum_before;
-        let mean_before = luminance_sum_before / f64::from(count_before);
-        let mean_after = luminance_sum / (f64::from(count_before) + 1.0);
+    fn add_deviation(&mut self, value: f64, mean_before: f64, mean_after: f64) {
         // Exactly, the product cannot be negative; by rounding it can.
         self.squared_deviation_sum += ((value - mean_before) * (value - mean_after)).max(0.0);
     }
@@ -106,14 +133,23 @@ impl Pixel {
         total
     }
 
-    /// Mean radiance over all classes.
-    pub(super) fn total_mean(&self, passes: u32) -> [f64; 3] {
-        self.total_sum().map(|sum| sum / f64::from(passes))
+    /// Mean radiance over all classes; zero before the first pass.
+    pub(super) fn total_mean(&self, held: Held) -> [f64; 3] {
+        if held.forgotten == 0 {
+            return self.total_sum().map(|sum| sum / f64::from(held.passes.max(1)));
+        }
+        let mut total = [0.0; 3];
+        for class in PathClass::ALL {
+            for (sum, value) in total.iter_mut().zip(self.class_mean(class, held)) {
+                *sum += value;
+            }
+        }
+        total
     }
 
-    /// Mean radiance of one class.
-    pub(super) fn class_mean(&self, class: PathClass, passes: u32) -> [f64; 3] {
-        self.radiance_sum[class as usize].map(|sum| sum / f64::from(passes))
+    /// Mean radiance of one class; zero before its first pass.
+    pub(super) fn class_mean(&self, class: PathClass, held: Held) -> [f64; 3] {
+        self.radiance_sum[class as usize].map(|sum| sum / f64::from(held.of(class).max(1)))
     }
 
     /// Mean depth of the samples that hit; 0 without any.

@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 
-use super::{PictureSize, Pixel, PixelSample};
+use super::{Held, PictureSize, Pixel, PixelSample};
 
 /// Side of a tile in pixels. 16 × 16 pixels × 160 bytes = 40 KB stay in a core's second cache, and a
 /// 256 × 256 picture still has 256 tiles to share among threads.
@@ -14,6 +14,10 @@ pub struct Tile {
     origin: UVec2,
     size: UVec2,
     passes: u32,
+    /// Passes whose secondary light is forgotten.
+    forgotten: u32,
+    /// The next pass brings better secondary light.
+    is_outdated: bool,
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
 }
@@ -24,7 +28,7 @@ impl Tile {
         let origin = UVec2::new(x, y);
         let size = (UVec2::new(picture.width(), picture.height()) - origin).min(UVec2::splat(TILE_SIDE));
         let pixels = vec![Pixel::default(); (size.x * size.y) as usize];
-        Tile { origin, size, passes: 0, dropped_samples: 0, pixels }
+        Tile { origin, size, passes: 0, forgotten: 0, is_outdated: false, dropped_samples: 0, pixels }
     }
 
     /// Top left pixel in the picture.
@@ -42,6 +46,23 @@ impl Tile {
         self.passes
     }
 
+    /// How many passes the sums of each kind of light hold.
+    pub(super) fn held(&self) -> Held {
+        Held { passes: self.passes, forgotten: self.forgotten }
+    }
+
+    /// Marks the secondary light for replacement by that of the passes to come: until then it stays.
+    pub(super) fn outdate_secondary(&mut self) {
+        self.is_outdated = true;
+    }
+
+    fn forget_outdated(&mut self) {
+        if std::mem::take(&mut self.is_outdated) {
+            self.pixels.iter_mut().for_each(Pixel::forget_secondary);
+            self.forgotten = self.passes;
+        }
+    }
+
     /// Samples that were not finite or negative, and count as black.
     pub fn dropped_samples(&self) -> u64 {
         self.dropped_samples
@@ -52,6 +73,8 @@ impl Tile {
     /// Pass p belongs to half `p & 1`. For the measured error to be right the two halves must be
     /// independent: scramble the sample points of each half by itself.
     pub fn add_pass(&mut self, mut sample: impl FnMut(u32, u32) -> PixelSample) {
+        self.forget_outdated();
+        let held = self.held();
         let mut pixels = self.pixels.iter_mut();
         for y in self.origin.y..self.origin.y + self.size.y {
             for (x, pixel) in (self.origin.x..self.origin.x + self.size.x).zip(&mut pixels) {
@@ -60,7 +83,7 @@ impl Tile {
                     self.dropped_samples += 1;
                     taken = PixelSample::BLACK;
                 }
-                pixel.add(&taken, self.passes);
+                pixel.add(&taken, held);
             }
         }
         self.passes += 1;

@@ -4,6 +4,7 @@
 
 mod float;
 mod frame;
+pub mod octahedral;
 mod rgb;
 pub mod sobol;
 mod statistics;

@@ -1,18 +1,33 @@
-//! The progressive loop: a view of a world, a film, and the technique that fills it.
+//! The progressive loop: a view of a world, a film, and the techniques that fill it.
 //!
-//! Imports every room to its left; the server talks to this one.
+//! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
+//! date after edits. [`Rendering`] is one view that draws with what is known. Imports every room to its left; the server
+//! talks to this one.
 
-use std::sync::{Arc, atomic::AtomicBool};
+mod illumination;
+#[cfg(test)]
+mod tests;
+
+use std::{
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
 
 use crate::{
-    film::{Film, PictureSize},
+    film::{Film, MeasuredError, PictureSize},
     scene::CameraView,
     technique::{
-        Card, Counts, Progress, Step, Technique,
+        Bias, Canvas, Card, Counts, Products, Progress, SecondaryLight, Step, Technique,
         path::{PathClasses, PathSettings, PathTracer, View},
     },
     transport::World,
 };
+
+pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
+
+/// Seconds of learning for each second of drawing while there is more to learn: at first what is not known about the light
+/// shows more than the noise of what is sampled.
+const LEARNING_SHARE: f64 = 3.0;
 
 /// What computes indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,8 +37,20 @@ pub enum Indirect {
     Auto,
     /// The path tracer.
     Path,
+    /// The light octree; light seen directly and direct light are sampled.
+    Octree,
     /// Nothing: only light seen directly and direct light are shown.
     None,
+}
+
+/// When a picture that learns of its light by itself is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Learning {
+    /// Once all is known: the picture depends on no clock.
+    #[default]
+    First,
+    /// As soon as something is known, sharing the time with learning more.
+    Alongside,
 }
 
 /// How a picture is made.
@@ -31,10 +58,13 @@ pub enum Indirect {
 pub struct RenderSettings {
     /// Technique of indirect light.
     pub indirect: Indirect,
-    /// Most scatterings of a path (1: emission and direct light); `None`: no bound.
+    /// Most scatterings of a path (1: emission and direct light); `None`: no bound. With the octree it bounds what surfaces
+    /// receive: mirrors and glass between them and the eye come on top.
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
+    /// When it is drawn.
+    pub learning: Learning,
 }
 
 /// A picture in the making.
@@ -43,6 +73,12 @@ pub struct Rendering {
     view: View,
     film: Film,
     technique: Box<dyn Technique>,
+    settings: RenderSettings,
+    /// What the light is learnt with, where no one else does.
+    illumination: Option<Box<Illumination>>,
+    /// Seconds spent on learning less those spent on passes, since the first pass.
+    lead_seconds: f64,
+    products: Products,
     counts: Counts,
 }
 
@@ -56,23 +92,36 @@ impl std::fmt::Debug for Rendering {
 }
 
 impl Rendering {
-    /// An empty film of `view`.
+    /// An empty film of `view`, drawn by itself: what the technique needs to know of the scene's light is learnt on the way.
     pub fn new(
         world: Arc<World>,
         view: CameraView,
         size: PictureSize,
         settings: RenderSettings,
     ) -> Rendering {
-        let classes = match settings.indirect {
-            Indirect::Auto | Indirect::Path => PathClasses::All,
-            Indirect::None => PathClasses::EmittedAndDirect,
-        };
-        let settings = PathSettings { classes, bounces_max: settings.bounces_max, seed: settings.seed };
+        let illumination = (settings.indirect == Indirect::Octree)
+            .then(|| Box::new(Illumination::new(IlluminationSettings::of(&settings))));
+        Rendering { illumination, ..Rendering::with(world, view, size, settings, None) }
+    }
+
+    /// An empty film of `view` that is drawn with what is known of the scene's light; with [`Indirect::Octree`] light that
+    /// comes by way of other surfaces is missing where nothing is known.
+    pub fn with(
+        world: Arc<World>,
+        view: CameraView,
+        size: PictureSize,
+        settings: RenderSettings,
+        known: Option<Arc<dyn SecondaryLight>>,
+    ) -> Rendering {
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
-            technique: Box::new(PathTracer::new(settings)),
+            technique: Box::new(tracer(&settings, known)),
+            settings,
+            illumination: None,
+            lead_seconds: 0.0,
+            products: Products::default(),
             counts: Counts::default(),
         }
     }
@@ -80,10 +129,68 @@ impl Rendering {
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
     /// The film is valid after every step, cancelled or not.
     pub fn step(&mut self, cancel: &AtomicBool) -> Progress {
-        let mut step = Step { world: &self.world, view: &self.view, film: &mut self.film, cancel };
+        if let Some(progress) = self.learn(cancel) {
+            return progress;
+        }
+        let start = Instant::now();
+        let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
+        let mut step = Step { world: &self.world, products: &mut self.products, canvas, cancel };
         let progress = self.technique.step(&mut step);
         self.counts += progress.counts;
+        self.lead_seconds -= LEARNING_SHARE * start.elapsed().as_secs_f64();
         progress
+    }
+
+    /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
+    /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept throughout.
+    fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let illumination = self.illumination.as_mut()?;
+        let is_pass_due = match illumination.stage() {
+            Stage::Nothing => false,
+            Stage::Rough if self.settings.learning == Learning::First => false,
+            Stage::Rough => self.film.passes_min() == 0 || self.lead_seconds > 0.0,
+            Stage::Complete => true,
+        };
+        if is_pass_due {
+            return None;
+        }
+        let start = Instant::now();
+        let is_first = illumination.stage() == Stage::Nothing;
+        let before = illumination.counts();
+        if illumination.step(&self.world, cancel) {
+            let known = illumination.known().cloned();
+            self.technique = Box::new(tracer(&self.settings, known));
+            self.film.outdate_secondary();
+        }
+        if !is_first {
+            self.lead_seconds += start.elapsed().as_secs_f64();
+        }
+        let counts = illumination.counts() - before;
+        self.counts += counts;
+        Some(Progress { counts, complete: false })
+    }
+
+    /// Goes on with what is known of the light by now; what was sampled of direct light stays.
+    pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>) {
+        self.technique = Box::new(tracer(&self.settings, known));
+        self.film.outdate_secondary();
+    }
+
+    /// All that is to be known of the light is known: the film is what further passes add to.
+    pub fn knows_its_light(&self) -> bool {
+        self.illumination.as_ref().is_none_or(|illumination| illumination.stage() == Stage::Complete)
+    }
+
+    /// What its light was learnt with, where it learns by itself.
+    pub fn illumination(&self) -> Option<&Illumination> {
+        self.illumination.as_deref()
+    }
+
+    /// The error of the picture, measured; `None` while it is unknown: below two passes, and for biased techniques, whose
+    /// error is more than the noise that two halves of a film differ by.
+    pub fn measured_error(&self) -> Option<MeasuredError> {
+        let is_measurable = self.card().bias == Bias::Unbiased && self.settings.indirect != Indirect::Octree;
+        is_measurable.then(|| self.film.measured_error()).flatten()
     }
 
     /// The picture so far.
@@ -109,5 +216,18 @@ impl Rendering {
     /// The technique at work.
     pub fn card(&self) -> &'static Card {
         self.technique.card()
+    }
+}
+
+/// The path tracer that draws with what is known.
+fn tracer(settings: &RenderSettings, known: Option<Arc<dyn SecondaryLight>>) -> PathTracer {
+    let classes = match settings.indirect {
+        Indirect::Auto | Indirect::Path => PathClasses::All,
+        Indirect::None | Indirect::Octree => PathClasses::EmittedAndDirect,
+    };
+    let path = PathSettings { classes, bounces_max: settings.bounces_max, seed: settings.seed };
+    match known.filter(|_| settings.indirect == Indirect::Octree) {
+        Some(known) => PathTracer::with_secondary(path, known),
+        None => PathTracer::new(path),
     }
 }

@@ -32,6 +32,16 @@ pub struct SceneChange {
 }
 
 impl SceneChange {
+    /// Adds what another change touched.
+    pub fn join(&mut self, other: &SceneChange) {
+        self.nodes.extend(other.nodes.iter().cloned());
+        self.meshes.extend(other.meshes.iter().cloned());
+        self.materials.extend(other.materials.iter().cloned());
+        self.lights.extend(other.lights.iter().cloned());
+        self.cameras.extend(other.cameras.iter().cloned());
+        self.environment |= other.environment;
+    }
+
     /// True when only cameras changed, so that all light stays valid.
     pub fn leaves_light_alone(&self) -> bool {
         self.nodes.is_empty()

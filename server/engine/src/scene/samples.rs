@@ -205,6 +205,36 @@ pub fn cornell_box() -> Result<Scene, SceneError> {
     Ok(stage.finish())
 }
 
+/// A closed room of white boxes under a square lamp, 50 triangles, four metres wide; camera `main`. A stand-in for the
+/// scene "Boxes" of [Vivanloc2007, figure 13], of which only the number of polygons is known.
+pub fn boxes() -> Result<Scene, SceneError> {
+    let mut stage = Stage::default();
+    let wall = stage.material("wall", Material::lambert(Rgb::new(0.7, 0.7, 0.65)))?;
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.75)))?;
+    let red = stage.material("red", Material::lambert(Rgb::new(0.65, 0.12, 0.08)))?;
+    let blue = stage.material("blue", Material::lambert(Rgb::new(0.1, 0.16, 0.55)))?;
+    let lamp = stage.material("lamp", Material::emitter(Rgb::new(20.0, 18.0, 15.0)))?;
+    let v = DVec3::new;
+    let turned = |x: f64, z: f64, angle_deg: f64| {
+        DAffine3::from_mat3_translation(DMat3::from_rotation_y(angle_deg.to_radians()), v(x, 0.0, z))
+    };
+    // Surfaces reflect on both sides: seen from inside, the outward faces are the walls.
+    stage.place("room", cuboid(v(-2., 0., -2.), v(2., 2.5, 2.), &wall), DAffine3::IDENTITY)?;
+    let lamp_corners = [v(-0.4, 0., -0.4), v(0.4, 0., -0.4), v(0.4, 0., 0.4), v(-0.4, 0., 0.4)];
+    stage.place("lamp", quad(lamp_corners, &lamp), DAffine3::from_translation(v(0.0, 2.49, 0.0)))?;
+    let standing = |width: f64, height: f64| (v(-width, 0., -width), v(width, height, width));
+    for (name, (min, max), material, place) in [
+        ("tall box", standing(0.3, 1.4), &white, turned(-0.9, -0.8, 20.0)),
+        ("red box", standing(0.35, 0.7), &red, turned(0.7, -0.5, -15.0)),
+        ("blue box", standing(0.25, 0.5), &blue, turned(0.1, 0.6, 40.0)),
+    ] {
+        stage.place(name, cuboid(min, max, material), place)?;
+    }
+    let main = CameraView::look_at(v(0.3, 1.4, 1.9), v(-0.05, 0.6, -0.5), DVec3::Y, 60f64.to_radians());
+    stage.camera("main", main, 16.0 / 9.0)?;
+    Ok(stage.finish())
+}
+
 /// A closed box whose every face emits `emission` and reflects `albedo`: the radiance everywhere inside is
 /// exactly emission / (1 − albedo) [techniques.md, numerical laws].
 pub fn furnace(albedo: f32, emission: f32) -> Result<Scene, SceneError> {

@@ -1,15 +1,21 @@
 //! Techniques: ways to compute light, behind one interface.
 //!
-//! A technique adds its path classes to a film, one bounded step at a time, and is told of every change of the scene.
-//! Siblings never import each other. The `path` technique is the reference and the last stage of convergence.
+//! A technique works one bounded step at a time, on a film or on the [`Products`] that others read, and is told of every
+//! change of the scene. Siblings never import each other: what they share lies here. The `path` technique is the reference
+//! and the last stage of convergence.
 
+pub mod octree;
 pub mod path;
+pub mod photons;
+mod products;
 
 use std::{
     iter::Sum,
-    ops::{Add, AddAssign},
+    ops::{Add, AddAssign, Sub},
     sync::atomic::AtomicBool,
 };
+
+pub use products::*;
 
 use crate::{
     film::Film,
@@ -61,6 +67,17 @@ impl Add for Counts {
     }
 }
 
+impl Sub for Counts {
+    type Output = Counts;
+    fn sub(self, o: Counts) -> Counts {
+        Counts {
+            rays: self.rays - o.rays,
+            shadow_rays: self.shadow_rays - o.shadow_rays,
+            paths: self.paths - o.paths,
+        }
+    }
+}
+
 impl AddAssign for Counts {
     fn add_assign(&mut self, o: Counts) {
         *self = *self + o;
@@ -77,12 +94,31 @@ impl Sum for Counts {
 pub struct Step<'a> {
     /// The scene.
     pub world: &'a World,
+    /// What techniques make for each other.
+    pub products: &'a mut Products,
+    /// What to draw on; `None` while only products are made.
+    pub canvas: Option<Canvas<'a>>,
+    /// Turns true when the answer is no longer wanted; checked between tiles.
+    pub cancel: &'a AtomicBool,
+}
+
+/// A camera and its film.
+pub struct Canvas<'a> {
     /// The camera.
     pub view: &'a path::View,
     /// The film to add to.
     pub film: &'a mut Film,
-    /// Turns true when the answer is no longer wanted; checked between tiles.
-    pub cancel: &'a AtomicBool,
+}
+
+/// A change of the scene.
+#[derive(Clone, Copy, Debug)]
+pub struct Edit<'a> {
+    /// The scene as it was.
+    pub before: &'a World,
+    /// The scene as it is.
+    pub after: &'a World,
+    /// What differs.
+    pub change: &'a SceneChange,
 }
 
 /// What one step achieved.
@@ -90,7 +126,7 @@ pub struct Step<'a> {
 pub struct Progress {
     /// Work done.
     pub counts: Counts,
-    /// Every tile got its sample; false after a cancel.
+    /// The piece of work is done: every tile got its sample, every product is made.
     pub complete: bool,
 }
 
@@ -102,6 +138,6 @@ pub trait Technique: Send {
     /// Does one bounded piece of work: for techniques that sample the picture, one sample for every pixel.
     fn step(&mut self, step: &mut Step<'_>) -> Progress;
 
-    /// Withdraws exactly what the change made stale.
-    fn apply(&mut self, change: &SceneChange);
+    /// Withdraws exactly what the edit made stale.
+    fn apply(&mut self, edit: &Edit<'_>);
 }

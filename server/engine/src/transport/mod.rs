@@ -12,7 +12,7 @@ mod surface;
 mod world;
 
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
-pub use light::{LightOrigin, LightSample, Lights};
+pub use light::{EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName};
 pub use path_class::{PathClass, Scatter};
 pub use surface::{Absorption, Surface};
 pub use world::{ShadowRay, World, WorldReport};

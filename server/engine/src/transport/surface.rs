@@ -73,6 +73,14 @@ impl PreparedMaterial {
         &self.material
     }
 
+    pub(in crate::transport) fn shared_material(&self) -> &Arc<Material> {
+        &self.material
+    }
+
+    pub(in crate::transport) fn texture(&self, slot: TextureSlot) -> Option<&Arc<Texture>> {
+        self.textures[slot as usize].as_ref()
+    }
+
     /// Mean luminance of what the material emits; zero when it emits nothing.
     pub(in crate::transport) fn emission_luminance(&self) -> f32 {
         if self.material.is_emissive() {

@@ -112,7 +112,7 @@ impl World {
         }
     }
 
-    fn material_of(&self, hit: &Hit) -> &PreparedMaterial {
+    pub(in crate::transport) fn material_of(&self, hit: &Hit) -> &PreparedMaterial {
         let primitives = self.accel.instances()[hit.instance as usize].mesh().primitives();
         let primitive = primitives.partition_point(|primitive| primitive.first_triangle <= hit.triangle) - 1;
         &self.materials[self.primitive_materials[hit.instance as usize][primitive] as usize]

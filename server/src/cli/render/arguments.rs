@@ -33,7 +33,7 @@ pub struct RenderArgs {
     /// camera's aspect, 320x180 for a camera without
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<PictureSize>,
-    /// Technique of indirect light: auto (the best that exists so far), path, none; octree, irradiance and
+    /// Technique of indirect light: auto (the best that exists so far: path), octree, path, none; irradiance and
     /// lightmap are planned
     #[arg(long, default_value = "auto", value_name = "TECHNIQUE", value_parser = parse_indirect)]
     pub indirect: Indirect,
@@ -125,12 +125,13 @@ fn parse_size(value: &str) -> Result<PictureSize, String> {
 fn parse_indirect(value: &str) -> Result<Indirect, String> {
     match value {
         "auto" => Ok(Indirect::Auto),
+        "octree" => Ok(Indirect::Octree),
         "path" => Ok(Indirect::Path),
         "none" => Ok(Indirect::None),
-        "octree" | "irradiance" | "lightmap" => {
-            Err(format!("{value} is planned but does not exist yet: choose auto, path or none"))
+        "irradiance" | "lightmap" => {
+            Err(format!("{value} is planned but does not exist yet: choose auto, octree, path or none"))
         }
-        _ => Err("choose auto, path or none".into()),
+        _ => Err("choose auto, octree, path or none".into()),
     }
 }
 
@@ -244,9 +245,9 @@ mod tests {
     /// Techniques and backends that do not exist yet are refused by name, with those that do.
     #[test]
     fn what_does_not_exist_yet_is_refused_with_what_does() {
-        for name in ["octree", "irradiance", "lightmap"] {
+        for name in ["irradiance", "lightmap"] {
             let message = parse_indirect(name).unwrap_err();
-            assert!(message.contains("does not exist yet") && message.contains("auto, path or none"));
+            assert!(message.contains("does not exist yet") && message.contains("auto, octree, path or none"));
         }
         assert!(parse_backend("gpu").unwrap_err().contains("auto or cpu"));
     }

@@ -37,7 +37,7 @@ impl Progress {
             return;
         }
         self.shown_at = Some(Instant::now());
-        let error = rendering.film().measured_error().map(|error| error.error());
+        let error = rendering.measured_error().map(|error| error.error());
         let done = done_share(&self.rule, rendering.passes(), seconds, error);
         let counts = rendering.counts();
         let rays_per_second = (counts.rays + counts.shadow_rays) as f64 / seconds.max(1e-9);

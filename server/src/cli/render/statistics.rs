@@ -109,6 +109,10 @@ pub(super) struct Bytes {
     pub(super) bvh: usize,
     /// Lights and their tree.
     pub(super) lights: usize,
+    /// Photon paths and maps.
+    pub(super) photons: usize,
+    /// Light octree.
+    pub(super) octree: usize,
     /// Sums of samples.
     pub(super) film: usize,
 }
@@ -123,17 +127,23 @@ pub(super) struct EffectState {
 }
 
 /// Keys whose parts no technique of today runs.
-pub(super) const NOT_RUN: [&str; 9] = [
+const NOT_BUILT: [&str; 4] = ["seconds.gather", "seconds.splat", "counts.records", "counts.texels"];
+/// Keys of the octree and its photons.
+const OF_THE_OCTREE: [&str; 7] = [
     "seconds.photons",
     "seconds.octree",
-    "seconds.gather",
-    "seconds.splat",
     "counts.photons_stored",
     "counts.voxels",
     "counts.vdls",
-    "counts.records",
-    "counts.texels",
+    "bytes.photons",
+    "bytes.octree",
 ];
+
+/// Keys that are 0 because nothing of theirs ran.
+pub(super) fn not_run(indirect: Indirect) -> Vec<&'static str> {
+    let unused: &[&str] = if indirect == Indirect::Octree { &[] } else { &OF_THE_OCTREE };
+    NOT_BUILT.iter().chain(unused).copied().collect()
+}
 
 /// The scene's plan as the options left it.
 pub(super) fn effects(

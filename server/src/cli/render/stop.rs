@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lumicast_engine::film::Film;
+use lumicast_engine::film::MeasuredError;
 
 /// Why a rendering ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,10 +51,13 @@ impl StopRule {
         }
     }
 
-    /// Whether the film, after a whole pass, is done. Depends on nothing but the film, so that without a time
+    /// Whether a picture of so many whole passes is done. Depends on nothing but the film, so that without a time
     /// limit the stopping point is the same on every machine.
-    pub(super) fn is_done(&self, film: &Film) -> Option<StopReason> {
-        let passes = film.passes_min();
+    pub(super) fn is_done(
+        &self,
+        passes: u32,
+        measured: impl FnOnce() -> Option<MeasuredError>,
+    ) -> Option<StopReason> {
         if self.samples.is_some_and(|samples| passes >= samples) {
             return Some(StopReason::Samples);
         }
@@ -62,7 +65,7 @@ impl StopRule {
         if !is_check_point(passes) {
             return None;
         }
-        match film.measured_error() {
+        match measured() {
             Some(error) if error.error() <= target => Some(StopReason::Error),
             _ => None,
         }
@@ -80,7 +83,7 @@ fn is_check_point(passes: u32) -> bool {
 mod tests {
     use super::*;
     use lumicast_engine::{
-        film::{PictureSize, PixelSample},
+        film::{Film, PictureSize, PixelSample},
         math::Rgb,
     };
 
@@ -94,19 +97,23 @@ mod tests {
         film
     }
 
+    fn is_done(rule: &StopRule, film: &Film) -> Option<StopReason> {
+        rule.is_done(film.passes_min(), || film.measured_error())
+    }
+
     /// Each bound ends the rendering by itself, and nothing ends it before.
     #[test]
     fn each_bound_ends_the_rendering() {
         let samples = StopRule::new(Some(3), None, None);
-        assert_eq!(samples.is_done(&film_of(2, |_| 1.0)), None);
-        assert_eq!(samples.is_done(&film_of(3, |_| 1.0)), Some(StopReason::Samples));
+        assert_eq!(is_done(&samples, &film_of(2, |_| 1.0)), None);
+        assert_eq!(is_done(&samples, &film_of(3, |_| 1.0)), Some(StopReason::Samples));
         let error = StopRule::new(None, None, Some(0.1));
-        assert_eq!(error.is_done(&film_of(14, |_| 1.0)), None);
-        assert_eq!(error.is_done(&film_of(16, |_| 1.0)), Some(StopReason::Error));
+        assert_eq!(is_done(&error, &film_of(14, |_| 1.0)), None);
+        assert_eq!(is_done(&error, &film_of(16, |_| 1.0)), Some(StopReason::Error));
         // The halves see 0 and 2: 100 % apart at any count.
-        assert_eq!(error.is_done(&film_of(64, |pass| (pass % 2 * 2) as f32)), None);
-        assert_eq!(error.is_done(&film_of(62, |_| 0.0)), None);
-        assert_eq!(error.is_done(&film_of(64, |_| 0.0)), Some(StopReason::Error));
+        assert_eq!(is_done(&error, &film_of(64, |pass| (pass % 2 * 2) as f32)), None);
+        assert_eq!(is_done(&error, &film_of(62, |_| 0.0)), None);
+        assert_eq!(is_done(&error, &film_of(64, |_| 0.0)), Some(StopReason::Error));
     }
 
     /// Without a bound there is one.

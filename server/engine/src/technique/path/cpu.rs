@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{PathClasses, PathSettings, Tally, View};
+use super::{PathClasses, PathSettings, SecondaryLight, Tally, View};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -25,6 +25,8 @@ pub(super) struct Tracer<'a> {
     pub(super) world: &'a World,
     pub(super) view: &'a View,
     pub(super) settings: PathSettings,
+    /// What answers for light that does not fall on the first diffuse surface straight from its source.
+    pub(super) secondary: Option<&'a dyn SecondaryLight>,
 }
 
 /// A path on its way.
@@ -128,6 +130,7 @@ impl Tracer<'_> {
             return false;
         }
         self.add_light_sample(path, &surface, sample, tally);
+        self.add_secondary(path, &surface, sample);
         self.scatter(path, &surface)
     }
 
@@ -211,6 +214,19 @@ impl Tracer<'_> {
         };
         add(&value.diffuse, Scatter::Diffuse);
         add(&value.glossy, Scatter::Specular);
+    }
+
+    /// At the first diffuse surface seen from the eye: what a cache knows of the light there.
+    fn add_secondary(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) {
+        let Some(secondary) = self.secondary else { return };
+        // One scattering less is asked for: that of the light on its way here.
+        let is_asked_for = self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces);
+        if path.class != PathClass::Emitted || !is_asked_for || !surface.bsdf.has_diffuse() {
+            return;
+        }
+        let light = secondary.scattered(surface, -path.ray.direction);
+        sample.radiance[PathClass::Indirect as usize] += path.throughput * light.indirect;
+        sample.radiance[PathClass::Caustic as usize] += path.throughput * light.caustic;
     }
 
     fn wants(&self, class: PathClass) -> bool {

@@ -18,19 +18,18 @@ mod cpu;
 mod tests;
 mod view;
 
-use std::sync::atomic::Ordering;
+use std::sync::{Arc, atomic::Ordering};
 
 use glam::UVec2;
 use rayon::prelude::*;
 
 pub use view::View;
 
-use super::{Bias, Card, Counts, Progress, Step, Technique};
+use super::{Bias, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique};
 use crate::{
     accel::Ray,
     film::{Film, PictureSize, Tile},
     math::sobol::PixelSampler,
-    scene::SceneChange,
     transport::{PathClass, ShadowRay, World},
 };
 use cpu::Tracer;
@@ -40,7 +39,8 @@ use cpu::Tracer;
 pub enum PathClasses {
     /// All of them.
     All,
-    /// Light seen directly and light that falls on the first diffuse surface straight from its source.
+    /// Light seen directly and light that falls on the first diffuse surface straight from its source; what else falls there
+    /// is asked of [`PathTracer::with_secondary`], if there is any.
     EmittedAndDirect,
 }
 
@@ -59,6 +59,7 @@ pub struct PathSettings {
 #[derive(Debug)]
 pub struct PathTracer {
     settings: PathSettings,
+    secondary: Option<Arc<dyn SecondaryLight>>,
 }
 
 static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::Unbiased };
@@ -66,23 +67,33 @@ static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::U
 impl PathTracer {
     /// A path tracer.
     pub fn new(settings: PathSettings) -> PathTracer {
-        PathTracer { settings }
+        PathTracer { settings, secondary: None }
+    }
+
+    /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
+    pub fn with_secondary(settings: PathSettings, secondary: Arc<dyn SecondaryLight>) -> PathTracer {
+        let settings = PathSettings { classes: PathClasses::EmittedAndDirect, ..settings };
+        PathTracer { settings, secondary: Some(secondary) }
     }
 }
 
 impl Technique for PathTracer {
     fn card(&self) -> &'static Card {
-        &CARD
+        self.secondary.as_ref().map_or(&CARD, |secondary| secondary.card())
     }
 
     fn step(&mut self, step: &mut Step<'_>) -> Progress {
-        let tracer = Tracer { world: step.world, view: step.view, settings: self.settings };
-        let width = step.film.size().width();
+        let Some(canvas) = &mut step.canvas else {
+            return Progress { complete: true, ..Progress::default() };
+        };
+        let secondary = self.secondary.as_deref();
+        let tracer = Tracer { world: step.world, view: canvas.view, settings: self.settings, secondary };
+        let film = &mut *canvas.film;
+        let width = film.size().width();
         // After a cancelled step the tiles it did not reach come first: steps that are all cut short still make progress
         // over the whole picture, and together they are the same pass.
-        let [least, most] = [step.film.passes_min(), step.film.passes_max()];
-        let done: Vec<Option<Counts>> = step
-            .film
+        let [least, most] = [film.passes_min(), film.passes_max()];
+        let done: Vec<Option<Counts>> = film
             .tiles_mut()
             .par_iter_mut()
             // Tile by tile: left alone, threads take halves of the picture, and the one with the easy half waits.
@@ -99,7 +110,7 @@ impl Technique for PathTracer {
         Progress { complete: done.iter().all(Option::is_some), counts: done.into_iter().flatten().sum() }
     }
 
-    fn apply(&mut self, _change: &SceneChange) {
+    fn apply(&mut self, _edit: &Edit<'_>) {
         // Nothing is kept of the scene between steps.
     }
 }
@@ -153,7 +164,7 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer = Tracer { world, view, settings };
+    let tracer = Tracer { world, view, settings, secondary: None };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, tile, size.width(), &mut queries);

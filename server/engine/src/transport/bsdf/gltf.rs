@@ -53,6 +53,10 @@ impl Gltf {
         !self.is_smooth() || !self.diffuse.is_black()
     }
 
+    pub(super) fn has_diffuse(&self) -> bool {
+        !self.diffuse.is_black()
+    }
+
     fn is_smooth(&self) -> bool {
         self.alpha < SMOOTH_ALPHA
     }

@@ -99,6 +99,16 @@ impl Bsdf {
         }
     }
 
+    /// True when it has a diffuse lobe.
+    pub fn has_diffuse(&self) -> bool {
+        match self {
+            Bsdf::Black | Bsdf::Mirror { .. } => false,
+            Bsdf::Lambert { .. } => true,
+            Bsdf::Gltf(gltf) => gltf.has_diffuse(),
+            Bsdf::Glass(glass) => glass.has_density(),
+        }
+    }
+
     /// Share of light from straight ahead that is scattered, for the albedo layer.
     pub fn albedo(&self) -> Rgb {
         match self {

@@ -4,6 +4,7 @@
 //! are chosen evenly beside it. Every density includes the choice of the light.
 
 mod environment;
+mod source;
 #[cfg(test)]
 mod tests;
 mod tree;
@@ -13,6 +14,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 pub(in crate::transport) use self::environment::EnvironmentLight;
+pub use self::source::{EmissionNumbers, EmittedPhoton, Source, SourceName};
 use self::tree::{LightBounds, LightTree};
 use crate::{
     accel::{Accel, SurfacePoint},

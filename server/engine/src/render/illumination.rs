@@ -1,0 +1,278 @@
+//! What a scene knows of its light, whoever looks at it.
+
+use std::{
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
+
+use super::RenderSettings;
+use crate::{
+    technique::{
+        Counts, Edit, MAPPED, Products, SecondaryLight, Step, Technique,
+        octree::{OctreeBuilding, OctreeSettings},
+        photons::{EditCounts, PhotonSettings, PhotonTracing, ProbeCounts},
+    },
+    transport::World,
+};
+
+/// Rounds from a rough answer to the last, each with more photons than all before together: what came first costs little.
+const ROUNDS: [Round; 3] = [
+    Round { photon_divisor: 32, depth_first: 4, depth: 4 },
+    Round { photon_divisor: 4, depth_first: 5, depth: 6 },
+    Round { photon_divisor: 1, depth_first: 7, depth: OctreeSettings::DEPTH_MAX },
+];
+/// Share of the paths that an edit may touch before the rounds begin again: beyond, a rough answer soon is worth more than
+/// the right one later.
+const TOUCHED_SHARE_MAX: f64 = 0.2;
+
+/// Photons in maps for each that the settings ask for.
+const MAPPED_SHARE: f64 = 0.6;
+/// Photons sent out for each that the settings ask for at most.
+const EMISSION_FACTOR_MAX: u32 = 4;
+
+/// One round.
+#[derive(Clone, Copy, Debug)]
+struct Round {
+    /// All photons over those of this round.
+    photon_divisor: u32,
+    /// First and last depth of its octrees, as far as the settings go.
+    depth_first: u32,
+    depth: u32,
+}
+
+/// Parameters of photons and octree.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IlluminationSettings {
+    /// Photons.
+    pub photons: PhotonSettings,
+    /// Octree.
+    pub octree: OctreeSettings,
+}
+
+impl IlluminationSettings {
+    /// For pictures with these settings.
+    pub fn of(settings: &RenderSettings) -> IlluminationSettings {
+        // A surface shows what reached it by one scattering less than the picture asks for.
+        let photons = PhotonSettings {
+            bounces_max: settings.bounces_max,
+            seed: settings.seed,
+            ..PhotonSettings::default()
+        };
+        let octree = OctreeSettings { photon_count: photons.emitted_count, ..OctreeSettings::default() };
+        IlluminationSettings { photons, octree }
+    }
+}
+
+/// How far it has got.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Nothing known yet.
+    Nothing,
+    /// A rough first answer.
+    Rough,
+    /// As good as the settings ask for.
+    Complete,
+}
+
+/// What it took and holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct IlluminationReport {
+    /// Seconds of tracing photons.
+    pub photon_seconds: f64,
+    /// Seconds of making octrees.
+    pub octree_seconds: f64,
+    /// Rays of photons.
+    pub counts: Counts,
+    /// Photons emitted by lights.
+    pub photons_emitted: u64,
+    /// Surfaces reached by photons, each kept.
+    pub photons_stored: u64,
+    /// Cells of the octree.
+    pub voxels: u64,
+    /// Lights in its cells.
+    pub vdls: u64,
+    /// Bytes of photon paths and maps.
+    pub photon_bytes: usize,
+    /// Bytes of the octree.
+    pub octree_bytes: usize,
+}
+
+/// Photons and octree of one scene, improved step by step and kept through edits.
+#[derive(Debug)]
+pub struct Illumination {
+    settings: IlluminationSettings,
+    photons: PhotonTracing,
+    octree: OctreeBuilding,
+    /// The round, by its place in [`ROUNDS`].
+    round: usize,
+    /// See [`Illumination::emission_factor`].
+    factor: u32,
+    products: Products,
+    report: IlluminationReport,
+    generation: u64,
+    /// Of the last edit that made the rounds begin again.
+    edit_counts: EditCounts,
+}
+
+impl Illumination {
+    /// Nothing known yet.
+    pub fn new(settings: IlluminationSettings) -> Illumination {
+        let (photons, octree) = techniques(&settings, 0, 1);
+        Illumination {
+            settings,
+            photons,
+            octree,
+            round: 0,
+            factor: 1,
+            products: Products::default(),
+            report: IlluminationReport::default(),
+            generation: 0,
+            edit_counts: EditCounts::default(),
+        }
+    }
+
+    /// One bounded piece of work on the rayon pool it is called in; true when [`Illumination::known`] has become better.
+    pub fn step(&mut self, world: &World, cancel: &AtomicBool) -> bool {
+        if self.stage() == Stage::Complete {
+            return false;
+        }
+        let start = Instant::now();
+        let before = self.products.secondary.clone();
+        let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
+        if !self.photons.is_complete() {
+            let progress = self.photons.step(&mut step);
+            self.report.counts += progress.counts;
+            self.report.photon_seconds += start.elapsed().as_secs_f64();
+            return false;
+        }
+        let progress = self.octree.step(&mut step);
+        self.report.octree_seconds += start.elapsed().as_secs_f64();
+        let is_new = match (&before, &self.products.secondary) {
+            (Some(before), Some(now)) => !Arc::ptr_eq(before, now),
+            (before, now) => before.is_some() != now.is_some(),
+        };
+        if let Some(octree) = self.octree.octree().filter(|_| is_new) {
+            self.report.voxels = octree.leaf_count() as u64;
+            self.report.vdls = octree.vdl_count() as u64;
+            self.report.octree_bytes = octree.bytes();
+        }
+        self.generation += u64::from(is_new);
+        if progress.complete && self.round + 1 < ROUNDS.len() {
+            self.begin_round(self.round + 1);
+        }
+        is_new
+    }
+
+    /// How many photons more than asked for must be sent out for about as many to end up in maps, where most leave the
+    /// scene or fall on what is lit by lamps alone: found in the first round, in steps of two so that small edits leave it.
+    fn emission_factor(&self) -> u32 {
+        let maps = &self.photons.product().maps;
+        let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
+        let emitted = self.photons.paths().path_count() as f64;
+        let wanted = MAPPED_SHARE * emitted / mapped as f64;
+        wanted.log2().round().clamp(0.0, f64::from(EMISSION_FACTOR_MAX.ilog2())).exp2() as u32
+    }
+
+    /// Begins a round; what is known stays known until it knows better.
+    fn begin_round(&mut self, round: usize) {
+        self.round = round;
+        if round == 1 {
+            self.factor = self.emission_factor();
+        }
+        let factor = if round == 0 { 1 } else { self.factor };
+        (self.photons, self.octree) = techniques(&self.settings, round, factor);
+        self.products.photons = None;
+    }
+
+    /// How far it has got.
+    pub fn stage(&self) -> Stage {
+        let is_last = self.round + 1 == ROUNDS.len();
+        if is_last && self.photons.is_complete() && self.octree.is_complete(self.photons.product()) {
+            Stage::Complete
+        } else if self.products.secondary.is_some() {
+            Stage::Rough
+        } else {
+            Stage::Nothing
+        }
+    }
+
+    /// Withdraws what an edit made stale; call before the next [`Illumination::step`]. Where it concerns a great part of
+    /// the photons, the rounds begin again.
+    pub fn apply(&mut self, edit: &Edit<'_>) {
+        self.photons.apply(edit);
+        self.octree.apply(edit);
+        if edit.before.accel().origin_in_world() != edit.after.accel().origin_in_world() {
+            // What is known lies around another origin.
+            self.products.secondary = None;
+            self.generation += 1;
+            self.begin_round(0);
+            return;
+        }
+        let paths = self.photons.paths().path_count();
+        if self.round > 0 && self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64 {
+            self.edit_counts = self.photons.edit_counts();
+            self.begin_round(0);
+        }
+    }
+
+    /// Looks for changes that nobody announced: one photon of every group is traced again.
+    pub fn probe(&mut self, world: &World) -> ProbeCounts {
+        self.photons.probe(world)
+    }
+
+    /// What is known of the light by now.
+    pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.products.secondary.as_ref()
+    }
+
+    /// Counts up whenever [`Illumination::known`] becomes another.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Rays traced so far.
+    pub fn counts(&self) -> Counts {
+        self.report.counts
+    }
+
+    /// The photons.
+    pub fn photons(&self) -> &PhotonTracing {
+        &self.photons
+    }
+
+    /// The octree.
+    pub fn octree(&self) -> &OctreeBuilding {
+        &self.octree
+    }
+
+    /// What the last edit cost.
+    pub fn edit_counts(&self) -> EditCounts {
+        if self.photons.is_begun() { self.photons.edit_counts() } else { self.edit_counts }
+    }
+
+    /// What it took and holds.
+    pub fn report(&self) -> IlluminationReport {
+        let paths = self.photons.paths();
+        IlluminationReport {
+            photons_emitted: paths.path_count(),
+            photons_stored: paths.hit_count(),
+            photon_bytes: paths.bytes() + self.photons.product().maps.bytes(),
+            ..self.report
+        }
+    }
+}
+
+/// The techniques of a round.
+fn techniques(settings: &IlluminationSettings, round: usize, factor: u32) -> (PhotonTracing, OctreeBuilding) {
+    let round = ROUNDS[round];
+    let emitted_count = (settings.photons.emitted_count / round.photon_divisor).max(1).saturating_mul(factor);
+    let photons = PhotonSettings { emitted_count, ..settings.photons };
+    let octree = OctreeSettings {
+        depth_first: round.depth_first.min(settings.octree.depth),
+        depth: round.depth.min(settings.octree.depth),
+        // What a gather may expect to find is what ends up in maps.
+        photon_count: emitted_count / factor,
+        ..settings.octree
+    };
+    (PhotonTracing::new(photons), OctreeBuilding::new(octree))
+}

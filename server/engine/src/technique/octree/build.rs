@@ -1,0 +1,347 @@
+//! From photons to leaves: a gather and a clustering for every group of surfaces in every cell, a bounded piece at a time.
+
+use std::{cmp::Ordering, collections::HashMap, sync::Arc, time::Instant};
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl,
+    cluster::{Clustering, Spread, Vdl},
+    harmonics::Harmonics,
+    tree::Nodes,
+    voxels::{Cube, Expected, VoxelSet, Voxels},
+};
+use crate::{
+    math::sobol::mix,
+    technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId},
+    transport::World,
+};
+
+/// Cells built in one step: some 20 ms on two threads.
+const STEP_CELLS: usize = 1024;
+
+/// The light of one group of a cell.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct SetLight {
+    /// By class, in the order of [`MAPPED`].
+    vdls: [Vec<Vdl>; 2],
+    /// By class, where that is what is kept.
+    harmonics: Option<[Harmonics; 2]>,
+    /// By class: nothing farther than this from the group's middle had any influence, m.
+    radius_m: [f32; 2],
+    spread: Spread,
+}
+
+/// An octree in the making.
+#[derive(Debug)]
+pub(super) struct Building {
+    settings: OctreeSettings,
+    photons: Arc<PhotonProduct>,
+    voxels: Arc<Voxels>,
+    radius_max_m: f32,
+    /// Light of the cells so far, group by group.
+    light: Vec<SetLight>,
+    next_cell: usize,
+    reused: Option<Reused>,
+    pub(super) counts: BuildCounts,
+}
+
+/// What building one octree took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BuildCounts {
+    /// Groups of surfaces whose light was gathered.
+    pub gathered: u64,
+    /// Groups whose light was taken over.
+    pub kept: u64,
+    /// Photons that gathers returned.
+    pub photons: u64,
+    /// Seconds spent on cutting up the geometry.
+    pub voxel_seconds: f64,
+    /// Seconds of all threads spent on finding photons, and on clustering them.
+    pub gather_seconds: f64,
+    /// See `gather_seconds`.
+    pub cluster_seconds: f64,
+}
+
+/// The octree before an edit, and where its light is out of date.
+#[derive(Debug)]
+struct Reused {
+    octree: Arc<LightOctree>,
+    /// For every side of its surfaces, the same side now.
+    sides: Vec<Option<SideId>>,
+    changed: Changed,
+}
+
+/// Where photons came or went, for asking how near.
+struct Changed {
+    /// By class and side.
+    trees: [HashMap<SideId, kiddo::ImmutableKdTree<f32, 3>>; 2],
+}
+
+impl std::fmt::Debug for Changed {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Changed").field("sides", &self.trees[0].len()).finish()
+    }
+}
+
+impl Changed {
+    fn of(changed: &ChangedPhotons) -> Changed {
+        let tree_of = |places: &Vec<Vec3>| {
+            let mut places: Vec<[f32; 3]> = places.iter().map(Vec3::to_array).collect();
+            // Photons that changed colour only came and went at one place.
+            places.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+            places.dedup();
+            kiddo::ImmutableKdTree::new_from_slice(&places).ok()
+        };
+        let trees = [0, 1].map(|class: usize| {
+            changed[class].iter().filter_map(|(side, places)| Some((*side, tree_of(places)?))).collect()
+        });
+        Changed { trees }
+    }
+
+    /// True when a photon of the class came or went on one of the sides within the radius.
+    fn is_within(&self, class: usize, sides: &[SideId], radius_m: f32, centre: Vec3) -> bool {
+        sides.iter().filter_map(|side| self.trees[class].get(side)).any(|tree| {
+            let centre = centre.to_array();
+            let nearest = tree.query(&centre).nearest_one::<kiddo::SquaredEuclidean<f32>>().execute();
+            nearest.distance <= radius_m * radius_m * (1.0 + 1e-5)
+        })
+    }
+}
+
+impl Building {
+    /// Of `photons` at `depth`; light of `before` that is still right is taken over.
+    pub(super) fn begin(
+        world: &World,
+        photons: &Arc<PhotonProduct>,
+        settings: OctreeSettings,
+        depth: u32,
+        before: Option<&Arc<LightOctree>>,
+    ) -> Option<Building> {
+        let cube = Cube::around(world.accel(), depth)?;
+        let surfaces = photons.maps.surfaces();
+        let known = before.map(|octree| &*octree.voxels);
+        let expected =
+            Expected { photon_count: settings.photon_count, gathered_count: settings.neighbours_min.get() };
+        let start = Instant::now();
+        let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube, expected, known));
+        let voxel_seconds = start.elapsed().as_secs_f64();
+        let radius_max_m = radius_max_m(&voxels, expected);
+        // The light before this edit is known only to those who made the octree of the generation before.
+        let reused = before
+            .filter(|octree| {
+                octree.voxels.cube == cube
+                    && octree.radius_max_m == radius_max_m
+                    && octree.settings == settings
+                    && octree.photons.generation + 1 == photons.generation
+            })
+            .zip(photons.changed.as_ref())
+            .map(|(octree, changed)| Reused {
+                octree: octree.clone(),
+                sides: octree.photons.maps.surfaces().sides_in(surfaces),
+                changed: Changed::of(changed),
+            });
+        let light = Vec::with_capacity(voxels.sets.len());
+        Some(Building {
+            settings,
+            photons: photons.clone(),
+            voxels,
+            radius_max_m,
+            light,
+            next_cell: 0,
+            reused,
+            counts: BuildCounts { voxel_seconds, ..BuildCounts::default() },
+        })
+    }
+
+    /// Cells twice as large would have shown all that its photons can.
+    pub(super) fn is_deeper_than_needed(&self) -> bool {
+        self.settings.radius_cells * 2.0 * self.voxels.cube.cell_m() <= self.radius_max_m / 3.0
+    }
+
+    /// It is built of these photons.
+    pub(super) fn is_of(&self, photons: &PhotonProduct) -> bool {
+        self.photons.generation == photons.generation
+    }
+
+    /// Builds some more cells; true when all are built.
+    pub(super) fn advance(&mut self) -> bool {
+        let end = (self.next_cell + STEP_CELLS).min(self.voxels.codes.len());
+        let this = &*self;
+        let built: Vec<(Vec<SetLight>, BuildCounts)> = (self.next_cell..end)
+            .into_par_iter()
+            .map_init(Workbench::default, |bench, cell| this.light_of_cell(cell, bench))
+            .collect();
+        for (light, counts) in built {
+            self.light.extend(light);
+            self.counts.gathered += counts.gathered;
+            self.counts.kept += counts.kept;
+            self.counts.photons += counts.photons;
+            self.counts.gather_seconds += counts.gather_seconds;
+            self.counts.cluster_seconds += counts.cluster_seconds;
+        }
+        self.next_cell = end;
+        end == self.voxels.codes.len()
+    }
+
+    fn light_of_cell(&self, cell: usize, bench: &mut Workbench) -> (Vec<SetLight>, BuildCounts) {
+        let mut counts = BuildCounts::default();
+        let sets = self.voxels.sets_of(cell);
+        if let Some(kept) = self.kept_of_cell(cell, sets) {
+            counts.kept = kept.len() as u64;
+            return (kept, counts);
+        }
+        let code = self.voxels.codes[cell];
+        let light = (0u64..)
+            .zip(sets)
+            .map(|(place, set)| {
+                counts.gathered += 1;
+                self.light_of_set(set, mix(u64::from(code) << 8 | place), bench, &mut counts)
+            })
+            .collect();
+        (light, counts)
+    }
+
+    /// The light of the cell before, if neither its surfaces nor any photon near them changed.
+    fn kept_of_cell(&self, cell: usize, sets: &[VoxelSet]) -> Option<Vec<SetLight>> {
+        let reused = self.reused.as_ref()?;
+        let octree = &reused.octree;
+        let old_cell = octree.voxels.codes.binary_search(&self.voxels.codes[cell]).ok()?;
+        let first = octree.voxels.first_set[old_cell] as usize;
+        let old_sets = octree.voxels.sets_of(old_cell);
+        if old_sets.len() != sets.len() {
+            return None;
+        }
+        let same_sides = |old: &VoxelSet, new: &VoxelSet| {
+            let old = octree.voxels.sides_of(old).iter().map(|side| reused.sides[side.index()]);
+            old.eq(self.voxels.sides_of(new).iter().map(|side| Some(*side)))
+        };
+        let is_kept = |(place, (old, new)): (usize, (&VoxelSet, &VoxelSet))| {
+            let light = &octree.sets[first + place];
+            (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
+                && same_sides(old, new)
+                && !(0..MAPPED.len()).any(|class| {
+                    let sides = self.voxels.sides_of(new);
+                    reused.changed.is_within(class, sides, light.radius_m[class], new.centre)
+                })
+        };
+        old_sets
+            .iter()
+            .zip(sets)
+            .enumerate()
+            .all(is_kept)
+            .then(|| (first..first + sets.len()).map(|set| octree.light_of_set(set)).collect())
+    }
+
+    fn light_of_set(
+        &self,
+        set: &VoxelSet,
+        key: u64,
+        bench: &mut Workbench,
+        counts: &mut BuildCounts,
+    ) -> SetLight {
+        let bounds = GatherBounds {
+            centre: set.centre,
+            normal: set.normal,
+            radius_m: self.settings.radius_cells * self.voxels.cube.cell_m(),
+            count_min: self.settings.neighbours_min,
+            count_max: self.settings.neighbours_max,
+            radius_max_m: self.radius_max_m,
+        };
+        let sides = self.voxels.sides_of(set);
+        let mut light = SetLight::default();
+        for (index, class) in MAPPED.into_iter().enumerate() {
+            let start = Instant::now();
+            self.photons.maps.gather(class, sides, &bounds, &mut bench.gather);
+            let gathered = Instant::now();
+            light.radius_m[index] = bench.gather.radius_m;
+            counts.photons += bench.gather.photons.len() as u64;
+            counts.gather_seconds += (gathered - start).as_secs_f64();
+            if bench.gather.photons.is_empty() {
+                continue;
+            }
+            if self.settings.leaf == LeafKind::Harmonics {
+                let of_class = Harmonics::project(&bench.gather.photons, set.normal);
+                light.harmonics.get_or_insert_default()[index] = of_class;
+                counts.cluster_seconds += gathered.elapsed().as_secs_f64();
+                continue;
+            }
+            let spread = bench.clustering.cluster(
+                &bench.gather.photons,
+                self.settings.vdl_count.get(),
+                key ^ index as u64,
+                &mut light.vdls[index],
+            );
+            if index == 0 {
+                light.spread = spread;
+            }
+            counts.cluster_seconds += gathered.elapsed().as_secs_f64();
+        }
+        light
+    }
+
+    /// The finished octree.
+    pub(super) fn finish(self) -> LightOctree {
+        let mut sets = Vec::with_capacity(self.light.len());
+        let mut vdls: Vec<Vdl> = Vec::new();
+        let mut shaded = Vec::new();
+        let mut harmonics = Vec::new();
+        for (light, set) in self.light.into_iter().zip(&self.voxels.sets) {
+            if self.settings.leaf == LeafKind::Harmonics {
+                harmonics.push(light.harmonics.unwrap_or_default());
+            }
+            let first = light.vdls.map(|of_class| {
+                let first = vdls.len() as u32;
+                vdls.extend(of_class);
+                first
+            });
+            shaded.extend(vdls[shaded.len()..].iter().map(|vdl| ShadedVdl::of(vdl, set.normal)));
+            sets.push(LeafSet {
+                normal: set.normal,
+                first_vdl: first,
+                end_vdl: vdls.len() as u32,
+                radius_m: light.radius_m,
+                chord_rms: light.spread.chord_rms,
+            });
+        }
+        let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
+        LightOctree {
+            settings: self.settings,
+            photons: self.photons,
+            voxels: self.voxels,
+            radius_max_m: self.radius_max_m,
+            nodes,
+            sets,
+            vdls,
+            shaded,
+            harmonics,
+            counts: self.counts,
+        }
+    }
+}
+
+impl LightOctree {
+    fn light_of_set(&self, set: usize) -> SetLight {
+        let leaf = &self.sets[set];
+        SetLight {
+            vdls: [0, 1].map(|class| self.vdls_of(leaf, class).to_vec()),
+            harmonics: self.harmonics.get(set).copied(),
+            radius_m: leaf.radius_m,
+            spread: Spread { chord_rms: leaf.chord_rms, ..Spread::default() },
+        }
+    }
+}
+
+/// How far a gather looks at most: three times as far as it would find its photons if all lay evenly on all surfaces.
+fn radius_max_m(voxels: &Voxels, expected: Expected) -> f32 {
+    let even_m2 = expected.area_of_a_gather_m2(voxels.area_m2) / std::f64::consts::PI;
+    ((3.0 * even_m2.sqrt()) as f32).max(voxels.cube.cell_m() * 0.5)
+}
+
+/// Memory that gathers and clusterings use again.
+#[derive(Debug, Default)]
+struct Workbench {
+    gather: Gather,
+    clustering: Clustering,
+}

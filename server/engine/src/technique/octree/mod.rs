@@ -1,0 +1,501 @@
+//! Light octree: photons summed up per cell as a few directional lights, for look-ups at the speed of shading.
+//!
+//! The scene's cube is halved `depth` times where there is surface (`voxels.rs`). In every cell each group of surfaces that
+//! face about one way gathers its nearest photons and keeps them as at most eight virtual directional lights
+//! (`build.rs`, `cluster.rs`). A look-up blends the eight cells around a point, of each only the group that faces like the
+//! surface, renormalised over those that have one [Vivanloc2007]. Normal maps bend the answer: every light is weighed by
+//! its cosine with the shading normal over that with the group's.
+//!
+//! **Biased**: light is blurred over the gather and over a cell; consistent as photons and depth grow. Shows coarse cells
+//! first; after an edit only cells are built again whose photons or surfaces changed, which leaves exactly what a fresh
+//! build would.
+
+mod build;
+mod cluster;
+mod harmonics;
+mod pack;
+mod tree;
+mod voxels;
+
+use std::{
+    f32::consts::FRAC_1_PI,
+    num::NonZeroUsize,
+    sync::{Arc, atomic::Ordering},
+};
+
+use glam::{IVec3, Vec3};
+
+pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
+
+use self::{build::Building, cluster::Spread, tree::Nodes, voxels::Voxels};
+use super::{
+    Bias, Card, Counts, Edit, PhotonProduct, Progress, ScatteredLight, SecondaryLight, Step, Surfaces,
+    Technique,
+};
+use crate::{
+    math::Rgb,
+    transport::{Bsdf, PathClass, Surface, World},
+};
+
+/// What a cell keeps of the light on its surfaces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeafKind {
+    /// Virtual directional lights.
+    #[default]
+    Vdls,
+    /// Spherical harmonics of order 2, as many bytes as four and a half lights: smooth in every direction, and blind to
+    /// sharp ones [Vivanloc2007, 6].
+    Harmonics,
+}
+
+/// Parameters of the light octree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OctreeSettings {
+    /// Halvings of the cube for the picture that is shown first.
+    pub depth_first: u32,
+    /// Halvings of the cube in the end, at most [`OctreeSettings::DEPTH_MAX`].
+    pub depth: u32,
+    /// Radius of a gather in sides of a cell. Smaller shows more detail and more noise.
+    pub radius_cells: f32,
+    /// Photons of a gather at least, as far as they can be found: where there are fewer within its radius, the radius grows.
+    pub neighbours_min: NonZeroUsize,
+    /// Photons of a gather at most: the radius shrinks to the nearest of them.
+    pub neighbours_max: NonZeroUsize,
+    /// What is kept of them.
+    pub leaf: LeafKind,
+    /// Lights kept of them, at most [`OctreeSettings::VDLS_MAX`].
+    pub vdl_count: NonZeroUsize,
+    /// Photons that lights send out: says how far a gather may have to look.
+    pub photon_count: u32,
+}
+
+impl OctreeSettings {
+    /// Deepest octree: 1024 cells along a side.
+    pub const DEPTH_MAX: u32 = 10;
+    /// Pieces of surface in all cells at most, about 100 bytes each: beyond, cells stay larger.
+    pub const PIECES_MAX: u32 = 8_000_000;
+    /// Most lights of a group.
+    pub const VDLS_MAX: usize = 8;
+}
+
+const NEIGHBOURS_MIN: NonZeroUsize = NonZeroUsize::new(48).unwrap();
+const NEIGHBOURS_MAX: NonZeroUsize = NonZeroUsize::new(400).unwrap();
+const VDL_COUNT: NonZeroUsize = NonZeroUsize::new(4).unwrap();
+
+impl OctreeSettings {
+    /// Always the nearest `count` photons, however far, as the paper gathers [Vivanloc2007, 3.1.1].
+    pub fn gathering(self, count: NonZeroUsize) -> OctreeSettings {
+        OctreeSettings { radius_cells: f32::INFINITY, neighbours_min: count, neighbours_max: count, ..self }
+    }
+}
+
+impl Default for OctreeSettings {
+    fn default() -> OctreeSettings {
+        OctreeSettings {
+            depth_first: 4,
+            depth: 8,
+            radius_cells: 1.25,
+            neighbours_min: NEIGHBOURS_MIN,
+            neighbours_max: NEIGHBOURS_MAX,
+            leaf: LeafKind::Vdls,
+            vdl_count: VDL_COUNT,
+            photon_count: 1_000_000,
+        }
+    }
+}
+
+/// A finished octree; see the module's head.
+#[derive(Debug)]
+pub struct LightOctree {
+    settings: OctreeSettings,
+    photons: Arc<PhotonProduct>,
+    voxels: Arc<Voxels>,
+    radius_max_m: f32,
+    nodes: Nodes,
+    sets: Vec<LeafSet>,
+    vdls: Vec<Vdl>,
+    /// `vdls` as shading asks for them.
+    shaded: Vec<ShadedVdl>,
+    /// By group, then by class; empty unless that is what is kept.
+    harmonics: Vec<[Harmonics; 2]>,
+    counts: BuildCounts,
+}
+
+/// A light made ready for shading.
+#[derive(Clone, Copy, Debug)]
+struct ShadedVdl {
+    direction: Vec3,
+    /// Irradiance over the softened cosine with its group: see [`GRAZING`].
+    scaled: Rgb,
+}
+
+impl ShadedVdl {
+    fn of(vdl: &Vdl, n_set: Vec3) -> ShadedVdl {
+        let cos = n_set.dot(vdl.direction).max(0.0);
+        ShadedVdl { direction: vdl.direction, scaled: vdl.irradiance * (1.0 / (cos + GRAZING)) }
+    }
+}
+
+/// The light of the surfaces of a cell that face about one way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LeafSet {
+    normal: Vec3,
+    /// Where the lights of each class start.
+    first_vdl: [u32; 2],
+    end_vdl: u32,
+    /// By class: nothing farther away had any influence, m.
+    radius_m: [f32; 2],
+    chord_rms: f32,
+}
+
+/// Cosine of the angle between a surface and a group from which on they are lit alike.
+const LIKE_COS: f32 = 0.3;
+/// Softens the ratio of cosines where light grazes a group: it stays 1 where shading normal and group agree.
+const GRAZING: f32 = 0.1;
+
+impl LightOctree {
+    /// Halvings of the cube.
+    pub fn depth(&self) -> u32 {
+        self.voxels.cube.depth
+    }
+
+    /// Cells that hold surface.
+    pub fn leaf_count(&self) -> usize {
+        self.voxels.codes.len()
+    }
+
+    /// Smaller cells would gather no fewer photons than these: they would show the same light in more places.
+    fn shows_all_its_photons_can(&self) -> bool {
+        // A gather of the fewest photons in even light reaches three times less far than the farthest one.
+        let radius_m = self.settings.radius_cells * self.voxels.cube.cell_m();
+        radius_m <= self.radius_max_m / 3.0
+    }
+
+    /// Lights in all cells.
+    pub fn vdl_count(&self) -> usize {
+        self.vdls.len()
+    }
+
+    /// Memory of nodes, cells and lights.
+    pub fn bytes(&self) -> usize {
+        self.nodes.bytes()
+            + self.sets.len() * size_of::<LeafSet>()
+            + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
+            + self.harmonics.len() * size_of::<[Harmonics; 2]>()
+            + self.voxels.first_set.len() * size_of::<u32>()
+    }
+
+    /// True when both hold the same cells with the same light, to the last bit.
+    pub fn holds_the_same(&self, other: &LightOctree) -> bool {
+        let geometry = |octree: &LightOctree| octree.voxels.cube;
+        geometry(self) == geometry(other)
+            && self.nodes == other.nodes
+            && self.voxels.codes == other.voxels.codes
+            && self.voxels.first_set == other.voxels.first_set
+            && self.sets == other.sets
+            && self.vdls == other.vdls
+            && self.harmonics == other.harmonics
+    }
+
+    /// What building it took.
+    pub fn counts(&self) -> BuildCounts {
+        self.counts
+    }
+
+    /// Angle between photons and the direction of their light, degrees: root mean square over groups that have any.
+    pub fn spread_degrees(&self) -> f32 {
+        let lit = self.sets.iter().filter(|set| set.first_vdl[1] > set.first_vdl[0]);
+        let (count, sum) =
+            lit.fold((0u32, 0.0f64), |(count, sum), set| (count + 1, sum + f64::from(set.chord_rms).powi(2)));
+        let chord_rms = (sum / f64::from(count.max(1))).sqrt() as f32;
+        Spread { chord_rms, ..Spread::default() }.degrees()
+    }
+
+    fn vdls_of(&self, set: &LeafSet, class: usize) -> &[Vdl] {
+        let end = if class == 0 { set.first_vdl[1] } else { set.end_vdl };
+        &self.vdls[set.first_vdl[class] as usize..end as usize]
+    }
+
+    /// Calls `found` with the groups around `p` that face like `n` and their weights, which sum to 1 unless there is none.
+    #[inline]
+    fn around(&self, p: Vec3, n: Vec3, mut found: impl FnMut(f32, &LeafSet, usize)) {
+        let cube = &self.voxels.cube;
+        let cells = cube.cells() as i32;
+        // Far outside is as good as outside.
+        let at =
+            ((p - cube.low) / cube.cell_m() - 0.5).clamp(Vec3::splat(-4.0), Vec3::splat(cells as f32 + 4.0));
+        let base = at.floor();
+        let fraction = at - base;
+        let base = base.as_ivec3();
+        let inside = |cell: IVec3| cell.clamp(IVec3::ZERO, IVec3::splat(cells - 1)).as_uvec3();
+        let Some(place) = self.nodes.common(inside(base), inside(base + 1)) else { return };
+        let mut sets = [(0.0f32, 0usize); 8];
+        let mut count = 0;
+        let mut total = 0.0;
+        for corner in 0..8 {
+            let offset = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let share = Vec3::select(offset.cmpeq(IVec3::ONE), fraction, 1.0 - fraction);
+            let weight = share.x * share.y * share.z;
+            let cell = base + offset;
+            if weight <= 0.0 || cell.cmplt(IVec3::ZERO).any() || cell.cmpge(IVec3::splat(cells)).any() {
+                continue;
+            }
+            let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
+            let Some(set) = self.set_like(leaf, n) else { continue };
+            sets[count] = (weight, set);
+            count += 1;
+            total += weight;
+        }
+        if total > 0.0 {
+            let scale = 1.0 / total;
+            for (weight, set) in &sets[..count] {
+                found(weight * scale, &self.sets[*set], *set);
+            }
+        }
+    }
+
+    /// The group of a cell that faces most like `n`, if any faces about like it.
+    #[inline]
+    fn set_like(&self, leaf: usize, n: Vec3) -> Option<usize> {
+        let range = self.voxels.first_set[leaf] as usize..self.voxels.first_set[leaf + 1] as usize;
+        let mut best = None;
+        let mut best_cos = LIKE_COS;
+        for set in range {
+            let cos = self.sets[set].normal.dot(n);
+            if cos > best_cos {
+                best_cos = cos;
+                best = Some(set);
+            }
+        }
+        best
+    }
+
+    /// Irradiance by class, in the order of [`super::MAPPED`], on a surface at `p` that faces `n`, W/m².
+    pub fn irradiance(&self, p: Vec3, n: Vec3) -> [Rgb; 2] {
+        let mut irradiance = [Rgb::BLACK; 2];
+        self.around(p, n, |weight, set, _| {
+            for (class, sum) in irradiance.iter_mut().enumerate() {
+                for vdl in self.vdls_of(set, class) {
+                    *sum += vdl.irradiance * weight;
+                }
+            }
+        });
+        irradiance
+    }
+}
+
+impl SecondaryLight for LightOctree {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+        let n_geo = surface.point.n_geo;
+        let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
+        let n_shade = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
+        let shading = Shading { surface, wo_local: surface.frame.to_local(wo), n_shade };
+        let mut sums = [Rgb::BLACK; 2];
+        self.around(surface.point.position, n_facing, |weight, set, place| {
+            if let Some(of_class) = self.harmonics.get(place) {
+                for (sum, harmonics) in sums.iter_mut().zip(of_class) {
+                    *sum += shading.response_to(harmonics) * weight;
+                }
+                return;
+            }
+            let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
+            sums[0] += shading.response(&self.shaded[first..first_caustic]) * weight;
+            if first_caustic < set.end_vdl as usize {
+                sums[1] += shading.response(&self.shaded[first_caustic..set.end_vdl as usize]) * weight;
+            }
+        });
+        ScatteredLight { indirect: sums[0], caustic: sums[1] }
+    }
+}
+
+/// A surface and the eye.
+struct Shading<'a> {
+    surface: &'a Surface,
+    wo_local: Vec3,
+    n_shade: Vec3,
+}
+
+impl Shading<'_> {
+    /// What the diffuse lobe sends to the eye of light from all around: as if it came from the shading normal's side.
+    fn response_to(&self, harmonics: &Harmonics) -> Rgb {
+        let irradiance = harmonics.irradiance(self.n_shade);
+        let f = match &self.surface.bsdf {
+            Bsdf::Lambert { albedo } => *albedo * FRAC_1_PI,
+            bsdf => bsdf.eval(self.wo_local, Vec3::Z.copysign(self.wo_local)).diffuse.f_cos,
+        };
+        f * irradiance
+    }
+
+    /// What the diffuse lobe sends to the eye of some lights. Photons count flux per area of their group's surface; a
+    /// surface that leans towards a light more than the group gets more of it.
+    #[inline]
+    fn response(&self, vdls: &[ShadedVdl]) -> Rgb {
+        match &self.surface.bsdf {
+            Bsdf::Lambert { albedo } => {
+                let mut sum = Rgb::BLACK;
+                for vdl in vdls {
+                    let cos = self.n_shade.dot(vdl.direction);
+                    sum += vdl.scaled * if cos > 0.0 { cos + GRAZING } else { 0.0 };
+                }
+                *albedo * sum * FRAC_1_PI
+            }
+            bsdf => {
+                let mut sum = Rgb::BLACK;
+                for vdl in vdls {
+                    let cos = self.n_shade.dot(vdl.direction);
+                    if cos > 0.0 {
+                        let wi = self.surface.frame.to_local(vdl.direction);
+                        let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
+                        sum += f_cos * vdl.scaled * ((cos + GRAZING) / wi.z.abs().max(f32::MIN_POSITIVE));
+                    }
+                }
+                sum
+            }
+        }
+    }
+}
+
+/// Pieces that the surfaces of a scene are about cut into at a depth: a square cell's worth of wall reaches into two.
+fn pieces_at(world: &World, surfaces: &Surfaces, depth: u32) -> f64 {
+    let Some(cube) = voxels::Cube::around(world.accel(), depth) else { return 0.0 };
+    let area_m2 = (0..surfaces.count()).map(|surface| f64::from(surfaces.area_m2(surface))).sum::<f64>();
+    let triangles = world.scene().instanced_triangle_count() as f64;
+    2.0 * area_m2 / f64::from(cube.cell_m()).powi(2) + triangles
+}
+
+/// Building the octree on the CPU, on the rayon pool it is called in.
+#[derive(Debug)]
+pub struct OctreeBuilding {
+    settings: OctreeSettings,
+    building: Option<Building>,
+    /// The newest octree and what it was built of.
+    octree: Option<Arc<LightOctree>>,
+    /// Photons of a scene without surface, which has no octree.
+    nothing_of: Option<u64>,
+    /// Deeper ones would hold more pieces of surface than [`OctreeSettings::PIECES_MAX`].
+    is_full: bool,
+}
+
+static CARD: Card =
+    Card { name: "octree", classes: &[PathClass::Indirect, PathClass::Caustic], bias: Bias::Biased };
+
+impl OctreeBuilding {
+    /// Nothing built yet.
+    pub fn new(settings: OctreeSettings) -> OctreeBuilding {
+        let depth = settings.depth.clamp(1, OctreeSettings::DEPTH_MAX);
+        let depth_first = settings.depth_first.clamp(1, depth);
+        let vdl_count =
+            settings.vdl_count.min(NonZeroUsize::new(OctreeSettings::VDLS_MAX).unwrap_or(NonZeroUsize::MIN));
+        OctreeBuilding {
+            settings: OctreeSettings { depth, depth_first, vdl_count, ..settings },
+            building: None,
+            octree: None,
+            nothing_of: None,
+            is_full: false,
+        }
+    }
+
+    /// The newest octree.
+    pub fn octree(&self) -> Option<&Arc<LightOctree>> {
+        self.octree.as_ref()
+    }
+
+    /// True when the newest octree is of these photons and as deep as it gets.
+    pub fn is_complete(&self, photons: &PhotonProduct) -> bool {
+        let is_done = |octree: &Arc<LightOctree>| {
+            octree.depth() >= self.settings.depth || self.is_full || octree.shows_all_its_photons_can()
+        };
+        self.nothing_of == Some(photons.generation)
+            || self
+                .octree
+                .as_ref()
+                .filter(|o| o.photons.generation == photons.generation)
+                .is_some_and(is_done)
+    }
+
+    /// Begins what is to be built next; `None` for a scene without surface, or when deeper would be too large.
+    fn begin(&mut self, world: &World, photons: &Arc<PhotonProduct>) -> Option<Building> {
+        let settings = self.settings;
+        let mut depth = self.depth_next(photons);
+        let fits =
+            |depth| pieces_at(world, photons.maps.surfaces(), depth) <= OctreeSettings::PIECES_MAX as f64;
+        let is_deeper = |octree: &Arc<LightOctree>| {
+            octree.photons.generation == photons.generation && octree.depth() < depth
+        };
+        if self.octree.as_ref().is_some_and(is_deeper) {
+            self.is_full = !fits(depth);
+            if self.is_full {
+                return None;
+            }
+        }
+        while depth > 1 && !fits(depth) {
+            depth -= 1;
+        }
+        let building = Building::begin(world, photons, settings, depth, self.octree.as_ref())?;
+        if depth > settings.depth_first && building.is_deeper_than_needed() {
+            // An edit made the scene larger or took photons away: from the start, as for a fresh one.
+            return Building::begin(world, photons, settings, settings.depth_first, None);
+        }
+        Some(building)
+    }
+
+    /// The depth to be built next: coarse first, then level by level. After an edit at once as deep as before, if it is
+    /// known what changed; else coarse again.
+    fn depth_next(&self, photons: &PhotonProduct) -> u32 {
+        match &self.octree {
+            Some(octree) if octree.photons.generation == photons.generation => octree.depth() + 1,
+            Some(octree)
+                if octree.photons.generation + 1 == photons.generation && photons.changed.is_some() =>
+            {
+                octree.depth()
+            }
+            _ => self.settings.depth_first,
+        }
+    }
+}
+
+impl Technique for OctreeBuilding {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        let done = Progress { complete: true, ..Progress::default() };
+        let Some(photons) = step.products.photons.clone() else { return done };
+        if self.is_complete(&photons) {
+            return done;
+        }
+        if step.cancel.load(Ordering::Relaxed) {
+            return Progress::default();
+        }
+        let building = match self.building.take().filter(|building| building.is_of(&photons)) {
+            Some(building) => Some(building),
+            None => self.begin(step.world, &photons),
+        };
+        let Some(mut building) = building else {
+            if !self.is_full {
+                // A scene without surface.
+                self.nothing_of = Some(photons.generation);
+                self.octree = None;
+                step.products.secondary = None;
+            }
+            return done;
+        };
+        if !building.advance() {
+            self.building = Some(building);
+            return Progress { counts: Counts::default(), complete: false };
+        }
+        let octree = Arc::new(building.finish());
+        self.octree = Some(octree.clone());
+        step.products.secondary = Some(octree);
+        Progress { counts: Counts::default(), complete: self.is_complete(&photons) }
+    }
+
+    fn apply(&mut self, _edit: &Edit<'_>) {
+        // What is out of date shows in the photons that come next.
+    }
+}

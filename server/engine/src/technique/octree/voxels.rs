@@ -1,0 +1,417 @@
+//! Which cells of the cube hold which surfaces: the geometry of the octree, without light.
+//!
+//! Every triangle is cut by the cells; what lies in one cell is grouped by where it faces, for each side of the surface by
+//! itself: surfaces that face apart get different light.
+
+use std::{collections::HashMap, sync::Arc};
+
+use glam::{IVec3, UVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::{
+    accel::{Accel, Instance},
+    technique::{SideId, Surfaces, clip_to_box},
+};
+
+/// Triangles that are cut as one piece of work.
+const CHUNK: usize = 2048;
+/// Groups of a cell at most: six directions of space.
+const SETS_MAX: usize = 6;
+/// Cosine of the angle from a group's mean normal within which a surface joins it.
+const JOINS_COS: f32 = 0.5;
+
+/// The cube that the octree cuts up, in render space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cube {
+    pub(super) low: Vec3,
+    pub(super) side_m: f32,
+    /// Halvings of the cube.
+    pub(super) depth: u32,
+}
+
+impl Cube {
+    /// Around the scene; `None` for one without surface.
+    pub(super) fn around(accel: &Accel, depth: u32) -> Option<Cube> {
+        let bounds = accel.instances().iter().map(|i| *i.bounds_in_world()).reduce(|a, b| a.union(&b))?;
+        let [min, max] = [bounds.min, bounds.max].map(|corner| accel.to_render(corner));
+        // A little larger and off the middle: walls at round fractions of the scene then stand within cells, not between
+        // two, where rounding would decide.
+        let side_m = (max - min).max_element() * 1.03;
+        let low = (min + max) * 0.5 - Vec3::splat(side_m * 0.5071);
+        (side_m > 0.0 && side_m.is_finite()).then_some(Cube { low, side_m, depth })
+    }
+
+    pub(super) fn cells(&self) -> u32 {
+        1 << self.depth
+    }
+
+    pub(super) fn cell_m(&self) -> f32 {
+        self.side_m / self.cells() as f32
+    }
+
+    fn corner(&self, cell: UVec3, level: u32) -> Vec3 {
+        self.low + cell.as_vec3() * (self.side_m / (1u32 << level) as f32)
+    }
+}
+
+/// The place of a cell along the curve that visits the octree's leaves in order.
+pub(super) fn morton(cell: UVec3) -> u32 {
+    fn spread(mut x: u32) -> u32 {
+        x = (x | x << 16) & 0x0300_00ff;
+        x = (x | x << 8) & 0x0300_f00f;
+        x = (x | x << 4) & 0x030c_30c3;
+        (x | x << 2) & 0x0924_9249
+    }
+    spread(cell.x) | spread(cell.y) << 1 | spread(cell.z) << 2
+}
+
+/// The cell of a Morton code.
+fn cell_of(code: u32) -> UVec3 {
+    fn gather(mut x: u32) -> u32 {
+        x &= 0x0924_9249;
+        x = (x | x >> 2) & 0x030c_30c3;
+        x = (x | x >> 4) & 0x0300_f00f;
+        x = (x | x >> 8) & 0x0300_00ff;
+        (x | x >> 16) & 0x0000_03ff
+    }
+    UVec3::new(gather(code), gather(code >> 1), gather(code >> 2))
+}
+
+/// How many photons there are, and how many a gather asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Expected {
+    pub(super) photon_count: u32,
+    pub(super) gathered_count: usize,
+}
+
+impl Expected {
+    /// Area that catches the photons of a gather if all lie evenly on `area_m2`; in steps of 2^¼, so that small edits leave
+    /// it, m².
+    pub(super) fn area_of_a_gather_m2(self, area_m2: f64) -> f64 {
+        let even = self.gathered_count as f64 * area_m2 / f64::from(self.photon_count.max(1));
+        ((4.0 * even.log2()).round() / 4.0).exp2()
+    }
+}
+
+/// What one surface of an instance has in one cell, facing about one way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Piece {
+    code: u32,
+    /// Number within the instance.
+    surface: u32,
+    /// Which of the six axes it faces most.
+    axis: u8,
+    area_m2: f32,
+    /// Sums by area.
+    centre: Vec3,
+    normal: Vec3,
+}
+
+/// The pieces of an instance, which stay as long as it is not touched.
+#[derive(Debug)]
+struct InstancePieces {
+    instance: Arc<Instance>,
+    pieces: Vec<Piece>,
+}
+
+/// Surfaces of a cell that face about one way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct VoxelSet {
+    /// Mean normal, unit.
+    pub(super) normal: Vec3,
+    /// Mean position.
+    pub(super) centre: Vec3,
+    pub(super) area_m2: f32,
+    /// Its sides, in [`Voxels::sides`].
+    pub(super) first_side: u32,
+    pub(super) side_count: u32,
+}
+
+/// The cells that hold surface, in Morton order.
+#[derive(Debug)]
+pub(super) struct Voxels {
+    pub(super) cube: Cube,
+    instances: Vec<Arc<InstancePieces>>,
+    pub(super) codes: Vec<u32>,
+    /// `[cells + 1]`: where each cell's groups start.
+    pub(super) first_set: Vec<u32>,
+    pub(super) sets: Vec<VoxelSet>,
+    pub(super) sides: Vec<SideId>,
+    /// Of everything, one side.
+    pub(super) area_m2: f64,
+}
+
+impl Voxels {
+    /// Of a scene; pieces of instances that stayed are taken from `before`.
+    pub(super) fn of(
+        accel: &Accel,
+        surfaces: &Surfaces,
+        cube: Cube,
+        expected: Expected,
+        before: Option<&Voxels>,
+    ) -> Voxels {
+        // Addresses name instances: both sides hold them, so none can be another's.
+        let address = |instance: &Arc<Instance>| Arc::as_ptr(instance).addr();
+        let known: HashMap<usize, &Arc<InstancePieces>> = before
+            .filter(|before| before.cube == cube)
+            .map(|before| before.instances.iter().map(|known| (address(&known.instance), known)).collect())
+            .unwrap_or_default();
+        let instances: Vec<Arc<InstancePieces>> = accel
+            .instances()
+            .par_iter()
+            .enumerate()
+            .map(|(index, instance)| match known.get(&address(instance)) {
+                Some(known) => Arc::clone(known),
+                None => Arc::new(pieces_of(instance, index as u32, surfaces, &cube)),
+            })
+            .collect();
+        let mut voxels = Voxels {
+            cube,
+            instances,
+            codes: Vec::new(),
+            first_set: vec![0],
+            sets: Vec::new(),
+            sides: Vec::new(),
+            area_m2: 0.0,
+        };
+        voxels.group(surfaces);
+        voxels.join_small(surfaces, expected);
+        voxels
+    }
+
+    /// Gives groups of surfaces that are too small to catch enough photons the sides of the groups around that face like
+    /// them: one photon on a leaf the size of a coin says nothing.
+    fn join_small(&mut self, surfaces: &Surfaces, expected: Expected) {
+        let small_m2 = expected.area_of_a_gather_m2(self.area_m2) as f32;
+        let is_small = |set: &VoxelSet| {
+            let area = |side: &SideId| surfaces.area_m2(side.surface());
+            self.sides_of(set).iter().map(area).sum::<f32>() < small_m2
+        };
+        let joined: Vec<Option<Vec<SideId>>> = (0..self.codes.len())
+            .into_par_iter()
+            .flat_map_iter(|cell| {
+                let around = self.sets_of(cell).iter().any(is_small).then(|| self.cells_around(cell));
+                let this = &*self;
+                this.sets_of(cell).iter().map(move |set| {
+                    let around = around.as_ref().filter(|_| is_small(set))?;
+                    let alike = around
+                        .iter()
+                        .flat_map(|cell| this.sets_of(*cell))
+                        .filter(|other| other.normal.dot(set.normal) >= JOINS_COS)
+                        .flat_map(|other| this.sides_of(other));
+                    let mut sides: Vec<SideId> = alike.chain(this.sides_of(set)).copied().collect();
+                    sides.sort_unstable();
+                    sides.dedup();
+                    Some(sides)
+                })
+            })
+            .collect();
+        for (set, sides) in self.sets.iter_mut().zip(joined) {
+            let Some(mut sides) = sides else { continue };
+            set.first_side = self.sides.len() as u32;
+            set.side_count = sides.len() as u32;
+            self.sides.append(&mut sides);
+        }
+    }
+
+    /// The cells around one that hold surface, by their places.
+    fn cells_around(&self, cell: usize) -> Vec<usize> {
+        let middle = cell_of(self.codes[cell]).as_ivec3();
+        let last = self.cube.cells() as i32 - 1;
+        let mut around = Vec::new();
+        for offset in 0..27 {
+            let at = middle + IVec3::new(offset % 3, offset / 3 % 3, offset / 9) - 1;
+            if at != middle && at.cmpge(IVec3::ZERO).all() && at.cmple(IVec3::splat(last)).all() {
+                around.extend(self.codes.binary_search(&morton(at.as_uvec3())));
+            }
+        }
+        around
+    }
+
+    fn group(&mut self, surfaces: &Surfaces) {
+        let mut all: Vec<(u32, u32, Piece)> = (0u32..)
+            .zip(&self.instances)
+            .flat_map(|(instance, pieces)| {
+                let first = surfaces.first_surface(instance);
+                pieces.pieces.iter().map(move |piece| (piece.code, first + piece.surface, *piece))
+            })
+            .collect();
+        self.area_m2 = all.iter().map(|(_, _, piece)| f64::from(piece.area_m2)).sum();
+        all.par_sort_unstable_by_key(|(code, surface, piece)| (*code, *surface, piece.axis));
+        for cell in all.chunk_by(|a, b| a.0 == b.0) {
+            self.codes.push(cell[0].0);
+            self.add_sets(cell);
+            self.first_set.push(self.sets.len() as u32);
+        }
+    }
+
+    /// Groups the pieces of one cell, largest first.
+    fn add_sets(&mut self, cell: &[(u32, u32, Piece)]) {
+        let mut order: Vec<(usize, bool)> =
+            (0..cell.len()).flat_map(|index| [(index, true), (index, false)]).collect();
+        order.sort_by(|a, b| {
+            let area = |index: usize| cell[index].2.area_m2;
+            area(b.0).total_cmp(&area(a.0)).then(a.0.cmp(&b.0)).then(b.1.cmp(&a.1))
+        });
+        let mut groups: Vec<Group> = Vec::new();
+        for (index, is_front) in order {
+            let (_, surface, piece) = &cell[index];
+            let side = SideId::of(*surface, is_front);
+            let normal = if is_front { piece.normal } else { -piece.normal };
+            let best = groups
+                .iter()
+                .enumerate()
+                .map(|(place, group)| {
+                    (place, group.normal.dot(normal) / (group.normal.length() * normal.length()))
+                })
+                .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+            match best {
+                Some((place, cos)) if cos >= JOINS_COS || groups.len() == SETS_MAX => {
+                    groups[place].add(piece, normal, side);
+                }
+                _ => {
+                    let mut group = Group::default();
+                    group.add(piece, normal, side);
+                    groups.push(group);
+                }
+            }
+        }
+        for mut group in groups {
+            group.sides.sort_unstable();
+            group.sides.dedup();
+            self.sets.push(VoxelSet {
+                normal: group.normal.normalize_or(Vec3::Z),
+                centre: group.centre / group.area_m2,
+                area_m2: group.area_m2,
+                first_side: self.sides.len() as u32,
+                side_count: group.sides.len() as u32,
+            });
+            self.sides.append(&mut group.sides);
+        }
+    }
+
+    /// The groups of a cell, by its place.
+    pub(super) fn sets_of(&self, cell: usize) -> &[VoxelSet] {
+        &self.sets[self.first_set[cell] as usize..self.first_set[cell + 1] as usize]
+    }
+
+    /// The sides of a group.
+    pub(super) fn sides_of(&self, set: &VoxelSet) -> &[SideId] {
+        &self.sides[set.first_side as usize..(set.first_side + set.side_count) as usize]
+    }
+}
+
+#[derive(Debug, Default)]
+struct Group {
+    area_m2: f32,
+    centre: Vec3,
+    normal: Vec3,
+    sides: Vec<SideId>,
+}
+
+impl Group {
+    fn add(&mut self, piece: &Piece, normal: Vec3, side: SideId) {
+        self.area_m2 += piece.area_m2;
+        self.centre += piece.centre;
+        self.normal += normal;
+        self.sides.push(side);
+    }
+}
+
+/// Cuts the triangles of an instance by the cells.
+fn pieces_of(instance: &Arc<Instance>, index: u32, surfaces: &Surfaces, cube: &Cube) -> InstancePieces {
+    let count = instance.mesh().triangles().len();
+    let of_chunk = |first: usize| {
+        let mut cut = Cut { cube, pieces: Vec::new() };
+        for triangle in first..(first + CHUNK).min(count) {
+            let corners = instance.mesh().triangles()[triangle].map(|v| instance.vertex_in_render(v));
+            let [a, b, c] = corners;
+            let n = ((b - a).cross(c - a) * instance.handedness()).normalize_or_zero();
+            if n != Vec3::ZERO {
+                let surface = surfaces.surface_in_instance(index, triangle as u32);
+                cut.cut(&Face { corners, n, surface }, UVec3::ZERO, 0);
+            }
+        }
+        cut.pieces
+    };
+    let mut pieces: Vec<Piece> =
+        (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(|chunk| of_chunk(chunk * CHUNK)).collect();
+    // By name, then as they came: sums are added up in the order of triangles.
+    pieces.sort_by_key(|piece| (piece.code, piece.surface, piece.axis));
+    pieces.dedup_by(|next, kept| {
+        let same = (next.code, next.surface, next.axis) == (kept.code, kept.surface, kept.axis);
+        if same {
+            kept.area_m2 += next.area_m2;
+            kept.centre += next.centre;
+            kept.normal += next.normal;
+        }
+        same
+    });
+    InstancePieces { instance: instance.clone(), pieces }
+}
+
+struct Face {
+    corners: [Vec3; 3],
+    n: Vec3,
+    surface: u32,
+}
+
+struct Cut<'a> {
+    cube: &'a Cube,
+    pieces: Vec<Piece>,
+}
+
+impl Cut<'_> {
+    /// Follows the face down to the leaves.
+    fn cut(&mut self, face: &Face, cell: UVec3, level: u32) {
+        let size_m = self.cube.side_m / (1u32 << level) as f32;
+        let low = self.cube.corner(cell, level);
+        if !may_meet(face, low, size_m) {
+            return;
+        }
+        if level < self.cube.depth {
+            for child in 0..8u32 {
+                let offset = UVec3::new(child & 1, child >> 1 & 1, child >> 2);
+                self.cut(face, cell * 2 + offset, level + 1);
+            }
+            return;
+        }
+        // Neighbours must agree on the plane between them: both corners from whole numbers.
+        let high = self.cube.corner(cell + UVec3::ONE, level);
+        let Some(patch) = clip_to_box(face.corners, low, high) else { return };
+        if patch.area_m2 > 0.0 {
+            self.pieces.push(Piece {
+                code: morton(cell),
+                surface: face.surface,
+                axis: axis_of(face.n),
+                area_m2: patch.area_m2,
+                centre: patch.centroid * patch.area_m2,
+                normal: face.n * patch.area_m2,
+            });
+        }
+    }
+}
+
+/// False when the face surely misses the box: by its bounds or by its plane.
+fn may_meet(face: &Face, low: Vec3, size_m: f32) -> bool {
+    let [a, b, c] = face.corners;
+    let slack = Vec3::splat(size_m * 1e-4) + low.abs() * 1e-6;
+    let high = low + size_m + slack;
+    let low = low - slack;
+    let apart = a.min(b).min(c).cmpgt(high) | a.max(b).max(c).cmplt(low);
+    let middle = (low + high) * 0.5;
+    let reach = face.n.abs().dot((high - low) * 0.5);
+    !apart.any() && (face.n.dot(middle - a)).abs() <= reach
+}
+
+fn axis_of(n: Vec3) -> u8 {
+    let size = n.abs();
+    let axis = if size.x >= size.y && size.x >= size.z {
+        0
+    } else if size.y >= size.z {
+        1
+    } else {
+        2
+    };
+    2 * axis + u8::from(n[usize::from(axis)] < 0.0)
+}

@@ -1,0 +1,285 @@
+//! Photons: light traced from its sources and kept where it falls, the material of every cache.
+//!
+//! Every photon is named by its light and number and starts from the same numbers on every run (`sequence.rs`), so a scene
+//! has one set of photons, whatever the threads and the edits that led to it. Lights get photons in proportion to their
+//! power, every photon carries nearly the same flux, and ends by Russian roulette (`trace.rs`). Paths are kept whole
+//! (`paths.rs`); an edit withdraws exactly those it may have changed (`selective.rs`). Hits are found again through the maps
+//! of [`super::PhotonMaps`] [Jensen1996; Larsen2004, 4, 6, 8, 9].
+//!
+//! **Unbiased** as flux: hits are samples of the flux that arrives at surfaces. What is read from them by density estimates
+//! is biased, see there.
+
+mod paths;
+mod selective;
+mod sequence;
+#[cfg(test)]
+mod tests;
+mod trace;
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, atomic::Ordering},
+    time::Instant,
+};
+
+use rayon::prelude::*;
+
+pub use self::{
+    paths::{PhotonHit, PhotonPath, PhotonPaths},
+    selective::{EditCounts, ProbeCounts},
+    trace::FluxTally,
+};
+
+use self::{
+    paths::{Block, BlockName, SourcePhotons},
+    trace::{PhotonTracer, TraceTally},
+};
+use super::{
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonMaps, PhotonProduct, Progress, Step, Surfaces,
+    Technique, TriangleSide,
+};
+use crate::{
+    accel::Accel,
+    transport::{Source, World},
+};
+
+/// Parameters of photon tracing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonSettings {
+    /// Photons that all lights together emit, to a fifth: the flux of a photon goes in steps, so that small edits do not
+    /// change it.
+    pub emitted_count: u32,
+    /// Most surfaces that a photon reaches; `None`: until absorbed.
+    pub bounces_max: Option<u32>,
+    /// Names the random numbers.
+    pub seed: u64,
+    /// Angle between neighbouring triangles from which on they are surfaces of their own, radians.
+    pub crease_angle_rad: f32,
+}
+
+impl Default for PhotonSettings {
+    fn default() -> PhotonSettings {
+        PhotonSettings {
+            emitted_count: 1_000_000,
+            bounces_max: None,
+            seed: 0,
+            crease_angle_rad: CREASE_ANGLE_RAD,
+        }
+    }
+}
+
+/// Blocks traced in one step: 16,384 photons, some 10 ms on two threads.
+const STEP_BLOCKS: usize = 256;
+
+/// Photon tracing on the CPU, on the rayon pool it is called in.
+#[derive(Debug)]
+pub struct PhotonTracing {
+    settings: PhotonSettings,
+    paths: PhotonPaths,
+    /// Paths to be traced, by block, a bit each. `None` before the first step.
+    pending: Option<BTreeMap<BlockName, u64>>,
+    surfaces: Arc<Surfaces>,
+    product: Arc<PhotonProduct>,
+    /// What changed since the last product.
+    stale: selective::Stale,
+    tally: TraceTally,
+    edit_counts: EditCounts,
+    probe: selective::Probe,
+}
+
+static CARD: Card = Card { name: "photons", classes: &[], bias: Bias::Unbiased };
+
+impl PhotonTracing {
+    /// No photons yet.
+    pub fn new(settings: PhotonSettings) -> PhotonTracing {
+        PhotonTracing {
+            settings,
+            paths: PhotonPaths::default(),
+            pending: None,
+            surfaces: Arc::default(),
+            product: Arc::default(),
+            stale: selective::Stale::everything(),
+            tally: TraceTally::default(),
+            edit_counts: EditCounts::default(),
+            probe: selective::Probe::default(),
+        }
+    }
+
+    /// The photons as they are kept.
+    pub fn paths(&self) -> &PhotonPaths {
+        &self.paths
+    }
+
+    /// The newest maps; empty before there are any.
+    pub fn product(&self) -> &Arc<PhotonProduct> {
+        &self.product
+    }
+
+    /// Where the flux of all photons traced so far went.
+    pub fn flux(&self) -> FluxTally {
+        self.tally.flux
+    }
+
+    /// What the last edit cost.
+    pub fn edit_counts(&self) -> EditCounts {
+        self.edit_counts
+    }
+
+    /// It has looked at a scene.
+    pub fn is_begun(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Paths to be traced.
+    pub fn pending_count(&self) -> u64 {
+        self.pending.iter().flatten().map(|(_, paths)| u64::from(paths.count_ones())).sum()
+    }
+
+    /// Every photon is traced and mapped.
+    pub fn is_complete(&self) -> bool {
+        self.pending.as_ref().is_some_and(BTreeMap::is_empty) && self.stale.is_clean()
+    }
+
+    /// Traces all that is pending, without maps, and returns the seconds that took: for measuring.
+    pub fn trace_all(&mut self, world: &World) -> f64 {
+        let start = Instant::now();
+        if self.pending.is_none() {
+            self.begin(world);
+        }
+        while self.pending.as_ref().is_some_and(|pending| !pending.is_empty()) {
+            self.trace_some(world);
+        }
+        start.elapsed().as_secs_f64()
+    }
+
+    /// Lays out the photons of every light of `world`, all to be traced.
+    fn begin(&mut self, world: &World) {
+        let sources = world.sources();
+        let counts = counts_of(&sources, self.settings.emitted_count);
+        let photons = sources
+            .into_iter()
+            .zip(counts)
+            .map(|(source, count)| SourcePhotons::new(source, self.settings.seed, count));
+        self.paths = PhotonPaths { sources: photons.collect() };
+        let all_of = |name: BlockName| self.paths.sources[name.source as usize].all_of(name);
+        self.pending = Some(self.paths.blocks().into_iter().map(all_of).collect());
+        self.surfaces = self.surfaces_of(world.accel());
+        self.stale = selective::Stale::everything();
+        self.tally = TraceTally::default();
+    }
+
+    fn surfaces_of(&self, accel: &Accel) -> Arc<Surfaces> {
+        Arc::new(Surfaces::of(accel, self.settings.crease_angle_rad, &self.surfaces))
+    }
+
+    /// Traces some of what is pending.
+    fn trace_some(&mut self, world: &World) -> Counts {
+        let Some(pending) = &mut self.pending else { return Counts::default() };
+        let some: Vec<(BlockName, u64)> =
+            pending.iter().take(STEP_BLOCKS).map(|(name, paths)| (*name, *paths)).collect();
+        for (name, _) in &some {
+            pending.remove(name);
+        }
+        let tracer = PhotonTracer { world, bounces_max: self.settings.bounces_max };
+        let paths = &self.paths;
+        let traced: Vec<(BlockName, Block, TraceTally)> = some
+            .into_par_iter()
+            .map(|(name, which)| {
+                let (block, tally) = trace_block(&tracer, paths, name, which);
+                (name, block, tally)
+            })
+            .collect();
+        let mut rays = 0;
+        for (name, block, tally) in traced {
+            let before = std::mem::replace(self.paths.block_mut(name), block);
+            self.stale.note(&before, self.paths.block(name), &self.surfaces);
+            self.tally.flux +=
+                tally.flux.in_watts(f64::from(self.paths.sources[name.source as usize].flux_w()));
+            rays += tally.rays;
+        }
+        self.tally.rays += rays;
+        Counts { rays, ..Counts::default() }
+    }
+
+    /// Makes maps of what is traced.
+    fn map(&mut self, accel: &Accel) {
+        let before = self.product.clone();
+        let maps = {
+            let stale = &self.stale;
+            let normal_of = |place: TriangleSide| {
+                let placed = &accel.instances()[place.instance as usize];
+                let n_geo = placed.surface_point(place.triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
+                if place.is_front { n_geo } else { -n_geo }
+            };
+            PhotonMaps::of(self.paths.mapped(), self.surfaces.clone(), normal_of, |class, side| {
+                stale.keeps(class, side).then(|| stale.map_before(&before.maps, class, side))
+            })
+        };
+        let changed = self.stale.take_changed();
+        self.product = Arc::new(PhotonProduct { maps, generation: before.generation + 1, changed });
+    }
+}
+
+/// Traces the paths of a block that `which` names and takes over the others.
+fn trace_block(
+    tracer: &PhotonTracer<'_>,
+    paths: &PhotonPaths,
+    name: BlockName,
+    which: u64,
+) -> (Block, TraceTally) {
+    let photons = &paths.sources[name.source as usize];
+    let before = paths.block(name);
+    let mut tally = TraceTally::default();
+    let mut block = Block {
+        paths: Vec::with_capacity(photons.numbers(name).count()),
+        hits: Vec::with_capacity(before.hits.len()),
+    };
+    for (index, number) in photons.numbers(name).enumerate() {
+        let path = match before.paths.get(index) {
+            Some(path) if which >> index & 1 == 0 => {
+                let first_hit = block.hits.len() as u32;
+                block.hits.extend_from_slice(before.hits_of(index));
+                PhotonPath { first_hit, ..*path }
+            }
+            _ => tracer.trace(&photons.source, &photons.sequence, number, &mut block.hits, &mut tally),
+        };
+        block.paths.push(path);
+    }
+    block.hits.shrink_to_fit();
+    (block, tally)
+}
+
+/// Photons of every source: its power over the flux of one photon, which goes in steps of 2^¼ so that an edit of one
+/// light mostly leaves the others' photons alone.
+fn counts_of(sources: &[Source], emitted_count: u32) -> Vec<u32> {
+    let total_w: f64 = sources.iter().map(Source::power_w).sum();
+    let flux_w = (4.0 * (total_w / f64::from(emitted_count.max(1))).log2()).round() / 4.0;
+    let flux_w = flux_w.exp2();
+    let most = f64::from(emitted_count) * 1.25 + 1.0;
+    sources.iter().map(|source| (source.power_w() / flux_w).round().clamp(1.0, most) as u32).collect()
+}
+
+impl Technique for PhotonTracing {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        if self.pending.is_none() {
+            self.begin(step.world);
+        }
+        if step.cancel.load(Ordering::Relaxed) {
+            return Progress::default();
+        }
+        let counts = self.trace_some(step.world);
+        if self.pending.as_ref().is_some_and(BTreeMap::is_empty) && !self.stale.is_clean() {
+            self.map(step.world.accel());
+            step.products.photons = Some(self.product.clone());
+        }
+        Progress { counts, complete: self.is_complete() }
+    }
+
+    fn apply(&mut self, edit: &Edit<'_>) {
+        self.withdraw(edit);
+    }
+}

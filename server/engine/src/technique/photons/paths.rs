@@ -1,0 +1,315 @@
+//! Photon paths as they are kept: every surface that a photon reached, so that it can be withdrawn with all its hits.
+//!
+//! Photons lie light by light, stratum by stratum, block by block, number by number: the order, and with it every byte,
+//! depends on nothing but the scene. A hit takes 36 bytes, a path 20.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::sequence::{STRATA, STRATIFIED_FROM, Sequence, name_key};
+use crate::{
+    accel::Hit,
+    math::{Rgb, octahedral},
+    technique::{FallenPhoton, MAPPED, TriangleSide},
+    transport::{PathClass, Source, SourceName, Surface},
+};
+
+/// Photons of a block, the piece that is traced, kept and changed as one.
+pub(super) const BLOCK: u32 = 64;
+
+/// A photon where it fell on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct PhotonHit {
+    /// Where, in render space.
+    pub position: Vec3,
+    /// Flux in shares of the source's flux per photon; of luminance about 1.
+    pub weight: Rgb,
+    /// Index of the triangle.
+    pub triangle: u32,
+    /// Where it came from, octahedral.
+    direction: u32,
+    /// Index of the instance above four bits: two for the class, one for the front, one for a diffuse lobe.
+    place: u32,
+}
+
+const MARK_CLASS: u32 = 3;
+const MARK_FRONT: u32 = 4;
+const MARK_DIFFUSE: u32 = 8;
+/// Bits of the marks; scenes hold fewer instances than the rest can count.
+const MARK_BITS: u32 = 4;
+/// The instance of hits on what is gone.
+const GONE: u32 = u32::MAX >> MARK_BITS;
+
+impl PhotonHit {
+    pub(super) fn new(
+        surface: &Surface,
+        hit: &Hit,
+        towards_light: Vec3,
+        weight: Rgb,
+        class: PathClass,
+    ) -> PhotonHit {
+        let mut marks = class as u32;
+        if towards_light.dot(surface.point.n_geo) > 0.0 {
+            marks |= MARK_FRONT;
+        }
+        if surface.bsdf.has_diffuse() {
+            marks |= MARK_DIFFUSE;
+        }
+        PhotonHit {
+            position: surface.point.position,
+            weight,
+            triangle: hit.triangle,
+            direction: octahedral::encode(towards_light),
+            place: hit.instance << MARK_BITS | marks,
+        }
+    }
+
+    /// Index of the instance; `None` for one that is gone.
+    pub fn instance(&self) -> Option<u32> {
+        let instance = self.place >> MARK_BITS;
+        (instance != GONE).then_some(instance)
+    }
+
+    /// Gives the instance another number, or none.
+    pub(super) fn rename_instance(&mut self, instance: Option<u32>) {
+        self.place = instance.unwrap_or(GONE) << MARK_BITS | self.place & ((1 << MARK_BITS) - 1);
+    }
+
+    /// Unit direction to where it came from.
+    pub fn direction(&self) -> Vec3 {
+        octahedral::decode(self.direction)
+    }
+
+    /// Path class of what a diffuse lobe here sends to the eye of it.
+    pub fn class(&self) -> PathClass {
+        PathClass::ALL[(self.place & MARK_CLASS) as usize]
+    }
+
+    /// It fell on the triangle's front.
+    pub fn is_on_front(&self) -> bool {
+        self.place & MARK_FRONT != 0
+    }
+
+    /// What it fell on; `None` for what is gone.
+    pub fn side(&self) -> Option<TriangleSide> {
+        let instance = self.instance()?;
+        Some(TriangleSide { instance, triangle: self.triangle, is_front: self.is_on_front() })
+    }
+
+    /// The surface has a diffuse lobe that can show it.
+    pub fn is_on_diffuse(&self) -> bool {
+        self.place & MARK_DIFFUSE != 0
+    }
+}
+
+/// The way of one photon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhotonPath {
+    /// Where it left its light, in render space.
+    pub start: Vec3,
+    /// Where it went when it left the scene, from its last hit on, octahedral; `ABSORBED` when it was absorbed.
+    pub(super) escape: u32,
+    /// Its first hit in the block; the next path's first hit is where its hits end.
+    pub first_hit: u32,
+}
+
+/// No packed direction: both coordinates at their lowest, which none encodes to.
+const ABSORBED: u32 = 0x8000_8000;
+
+impl PhotonPath {
+    /// One that has not gone anywhere yet.
+    pub(super) fn from(start: Vec3, first_hit: u32) -> PhotonPath {
+        PhotonPath { start, escape: ABSORBED, first_hit }
+    }
+
+    pub(super) fn escape_towards(&mut self, direction: Vec3) {
+        self.escape = octahedral::encode(direction);
+    }
+
+    /// Where it went when it left the scene, from its last hit on, to 0.004°; `None` when it was absorbed.
+    pub fn escape(&self) -> Option<Vec3> {
+        (self.escape != ABSORBED).then(|| octahedral::decode(self.escape))
+    }
+}
+
+/// Some photons of one stratum, in order of their numbers.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Block {
+    pub(super) paths: Vec<PhotonPath>,
+    pub(super) hits: Vec<PhotonHit>,
+}
+
+impl Block {
+    /// The hits of path `index` of the block.
+    pub(super) fn hits_of(&self, index: usize) -> &[PhotonHit] {
+        let first = self.paths[index].first_hit as usize;
+        let end = self.paths.get(index + 1).map_or(self.hits.len(), |next| next.first_hit as usize);
+        &self.hits[first..end]
+    }
+
+    /// Every stretch that its photons flew, from where and by how much; those that left the scene by one metre.
+    pub(super) fn ways(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
+        (0..self.paths.len()).flat_map(|index| {
+            let (hits, path) = (self.hits_of(index), &self.paths[index]);
+            let ends = hits.iter().map(|hit| hit.position);
+            let starts = std::iter::once(path.start).chain(ends.clone());
+            let last = hits.last().map_or(path.start, |hit| hit.position);
+            let ways = starts.zip(ends).map(|(from, to)| (from, to - from));
+            ways.chain(path.escape().map(|direction| (last, direction)))
+        })
+    }
+
+    fn bytes(&self) -> usize {
+        self.paths.capacity() * size_of::<PhotonPath>() + self.hits.capacity() * size_of::<PhotonHit>()
+    }
+}
+
+/// Where a block stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct BlockName {
+    pub(super) source: u32,
+    pub(super) stratum: u32,
+    /// Place among the blocks of the stratum.
+    pub(super) place: u32,
+}
+
+/// Strata of a light of so many photons.
+pub(super) fn strata_of(count: u32) -> u32 {
+    if count >= STRATIFIED_FROM { STRATA } else { 1 }
+}
+
+/// All photons of one light.
+#[derive(Clone, Debug)]
+pub(super) struct SourcePhotons {
+    pub(super) source: Source,
+    pub(super) sequence: Sequence,
+    /// Photons emitted.
+    pub(super) count: u32,
+    /// `[strata][blocks]`.
+    pub(super) strata: Vec<Vec<Block>>,
+}
+
+impl SourcePhotons {
+    /// None traced yet.
+    pub(super) fn new(source: Source, seed: u64, count: u32) -> SourcePhotons {
+        let key = match source.name() {
+            SourceName::Punctual(id) => name_key(id.as_str(), 0),
+            SourceName::Surface(node, primitive) => name_key(node.as_str(), 2 + u64::from(*primitive)),
+            SourceName::Environment => name_key("", 1),
+        };
+        let strata = strata_of(count);
+        let mut photons =
+            SourcePhotons { source, sequence: Sequence::new(seed, key), count, strata: Vec::new() };
+        photons.strata = (0..strata)
+            .map(|stratum| vec![Block::default(); photons.count_in(stratum, strata).div_ceil(BLOCK) as usize])
+            .collect();
+        photons
+    }
+
+    /// Flux of a photon of weight 1, W.
+    pub(super) fn flux_w(&self) -> f32 {
+        (self.source.power_w() / f64::from(self.count.max(1))) as f32
+    }
+
+    fn count_in(&self, stratum: u32, strata: u32) -> u32 {
+        self.count.saturating_sub(stratum).div_ceil(strata)
+    }
+
+    /// A block, and a bit for each of its photons.
+    pub(super) fn all_of(&self, name: BlockName) -> (BlockName, u64) {
+        let count = self.numbers(name).count() as u32;
+        (name, u64::MAX.checked_shr(BLOCK - count).unwrap_or(0))
+    }
+
+    /// Numbers of the photons of a block.
+    pub(super) fn numbers(&self, name: BlockName) -> impl Iterator<Item = u32> + use<> {
+        let strata = self.strata.len() as u32;
+        let first = name.place * BLOCK;
+        let end = (first + BLOCK).min(self.count_in(name.stratum, strata));
+        (first..end).map(move |rank| rank * strata + name.stratum)
+    }
+}
+
+/// All photons of a scene.
+#[derive(Clone, Debug, Default)]
+pub struct PhotonPaths {
+    pub(super) sources: Vec<SourcePhotons>,
+}
+
+impl PhotonPaths {
+    /// Names of all blocks, in order.
+    pub(super) fn blocks(&self) -> Vec<BlockName> {
+        let mut names = Vec::new();
+        for (source, photons) in (0..).zip(&self.sources) {
+            for (stratum, blocks) in (0..).zip(&photons.strata) {
+                names.extend((0..blocks.len() as u32).map(|place| BlockName { source, stratum, place }));
+            }
+        }
+        names
+    }
+
+    pub(super) fn block(&self, name: BlockName) -> &Block {
+        &self.sources[name.source as usize].strata[name.stratum as usize][name.place as usize]
+    }
+
+    pub(super) fn block_mut(&mut self, name: BlockName) -> &mut Block {
+        &mut self.sources[name.source as usize].strata[name.stratum as usize][name.place as usize]
+    }
+
+    /// Lights that photons come from.
+    pub fn sources_count(&self) -> usize {
+        self.sources.len()
+    }
+
+    /// Photons emitted.
+    pub fn path_count(&self) -> u64 {
+        self.sources.iter().map(|photons| u64::from(photons.count)).sum()
+    }
+
+    /// Hits kept.
+    pub fn hit_count(&self) -> u64 {
+        self.each_block().map(|(_, block)| block.hits.len() as u64).sum()
+    }
+
+    /// Memory of paths and hits.
+    pub fn bytes(&self) -> usize {
+        self.each_block().map(|(_, block)| block.bytes() + size_of::<Block>()).sum()
+    }
+
+    /// Every block with its light, in order.
+    pub(super) fn each_block(&self) -> impl Iterator<Item = (&SourcePhotons, &Block)> {
+        self.sources
+            .iter()
+            .flat_map(|photons| photons.strata.iter().flatten().map(move |block| (photons, block)))
+    }
+
+    /// Every stretch that photons flew, from where and by how much, in order; those that left the scene by one metre.
+    pub fn segments(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
+        self.each_block().flat_map(|(_, block)| block.ways())
+    }
+
+    /// Every hit that maps hold, in order.
+    pub(super) fn mapped(&self) -> Vec<(PathClass, TriangleSide, FallenPhoton)> {
+        let blocks: Vec<(&SourcePhotons, &Block)> = self.each_block().collect();
+        blocks
+            .par_iter()
+            .flat_map_iter(|(photons, block)| {
+                let flux_w = photons.flux_w();
+                let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
+                block.hits.iter().filter(is_mapped).filter_map(move |hit| {
+                    let (position, flux, direction) = (hit.position, hit.weight * flux_w, hit.direction);
+                    Some((hit.class(), hit.side()?, FallenPhoton { position, flux, direction }))
+                })
+            })
+            .collect()
+    }
+
+    /// Every hit with its flux, W, in order.
+    pub fn hits(&self) -> impl Iterator<Item = (&PhotonHit, Rgb)> {
+        self.each_block().flat_map(|(photons, block)| {
+            let flux_w = photons.flux_w();
+            block.hits.iter().map(move |hit| (hit, hit.weight * flux_w))
+        })
+    }
+}

@@ -1,0 +1,444 @@
+//! Selective emission [Larsen2004, 9]: after an edit only what it may have changed is traced again.
+//!
+//! A photon's path can have changed only if one of its stored segments meets the old bounds of what was edited (it may have
+//! hit it) or the new ones (it may be stopped now), or if its light changed. Those are withdrawn and traced again from the
+//! same numbers, which leaves exactly the photons of a fresh trace. Larsen's probing (one photon of each group a round,
+//! the whole group redone when its path differs) finds changes that nobody announced, and checks the first.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::Arc,
+};
+
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::{
+    PhotonTracing, counts_of,
+    paths::{BLOCK, Block, BlockName, PhotonPaths, SourcePhotons},
+    trace::{PhotonTracer, TraceTally},
+};
+use crate::{
+    accel::{Accel, Instance},
+    scene::{Aabb, Id},
+    technique::{ChangedPhotons, Edit, MAPPED, PhotonMaps, SideId, SideMap, Surfaces},
+    transport::{SourceName, World},
+};
+
+/// How far a packed direction is off, per length: 0.0037° is 6.5 · 10⁻⁵, and some rounding.
+const ESCAPE_ERROR: f32 = 1e-4;
+
+/// Boxes that segments are held against at most.
+const BOXES_MAX: usize = 64;
+
+/// What an edit cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EditCounts {
+    /// Paths whose segments were held against the edit's bounds.
+    pub tested: u64,
+    /// Paths taken back because a segment met them.
+    pub withdrawn: u64,
+    /// Paths to be traced: those, and all of lights that changed.
+    pub traced: u64,
+}
+
+/// What a round of probing found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProbeCounts {
+    /// Photons traced again.
+    pub probed: u64,
+    /// Groups to be redone because one did not go its old way.
+    pub diverged: u64,
+}
+
+/// Where the next round of probing goes on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Probe {
+    round: u32,
+}
+
+/// What of the maps is out of date.
+#[derive(Clone, Debug)]
+pub(super) struct Stale {
+    /// Where photons came or went; `None`: anywhere.
+    changed: Option<ChangedPhotons>,
+    /// For every side of the present surfaces, the same side in the maps made last.
+    before: Option<Vec<Option<SideId>>>,
+    /// Something changed at all.
+    dirty: bool,
+}
+
+impl Stale {
+    pub(super) fn everything() -> Stale {
+        Stale { changed: None, before: None, dirty: true }
+    }
+
+    pub(super) fn is_clean(&self) -> bool {
+        !self.dirty
+    }
+
+    /// Takes note of what a block lost and won.
+    pub(super) fn note(&mut self, before: &Block, after: &Block, surfaces: &Surfaces) {
+        self.dirty = true;
+        let Some(changed) = &mut self.changed else { return };
+        let mut note = |block: &Block, path: usize| {
+            for hit in block.hits_of(path) {
+                let Some(class) = MAPPED.iter().position(|class| *class == hit.class()) else { continue };
+                // Hits on what is gone lie on no side, and need none: its maps are gone with it.
+                if let Some(side) = hit.side().filter(|side| surfaces.holds(*side)) {
+                    changed[class].entry(surfaces.side(side)).or_default().push(hit.position);
+                }
+            }
+        };
+        for path in 0..before.paths.len().max(after.paths.len()) {
+            let both = path < before.paths.len() && path < after.paths.len();
+            if both && before.hits_of(path) == after.hits_of(path) {
+                continue;
+            }
+            if path < before.paths.len() {
+                note(before, path);
+            }
+            if path < after.paths.len() {
+                note(after, path);
+            }
+        }
+    }
+
+    /// The map of a side made last is the map of now.
+    pub(super) fn keeps(&self, class: usize, side: SideId) -> bool {
+        let Some(changed) = &self.changed else { return false };
+        let known = match &self.before {
+            Some(before) => before[side.index()].is_some(),
+            None => true,
+        };
+        known && !changed[class].contains_key(&side)
+    }
+
+    pub(super) fn map_before(&self, maps: &PhotonMaps, class: usize, side: SideId) -> Option<Arc<SideMap>> {
+        let side = match &self.before {
+            Some(before) => before[side.index()]?,
+            None => side,
+        };
+        maps.side_map(class, side).clone()
+    }
+
+    /// Starts afresh and returns where photons came or went.
+    pub(super) fn take_changed(&mut self) -> Option<ChangedPhotons> {
+        let changed = self.changed.take();
+        *self = Stale { changed: Some(ChangedPhotons::default()), before: None, dirty: false };
+        changed
+    }
+}
+
+impl PhotonTracing {
+    /// Withdraws what the edit may have changed and marks it to be traced.
+    pub(super) fn withdraw(&mut self, edit: &Edit<'_>) {
+        if self.pending.is_none() || edit.change.leaves_light_alone() {
+            return;
+        }
+        let (before, after) = (edit.before.accel(), edit.after.accel());
+        if before.origin_in_world() != after.origin_in_world() {
+            // All positions are relative to it.
+            self.surfaces = Arc::default();
+            self.begin(edit.after);
+            self.edit_counts = EditCounts { traced: self.paths.path_count(), ..EditCounts::default() };
+            return;
+        }
+        let touched = TouchedBoxes::of(touched_bounds(edit));
+        let mut counts = self.take_over(edit.after);
+        self.rename_instances(before, after);
+        self.renew_surfaces(after);
+        counts.tested = self.paths.path_count();
+        let met: Vec<(BlockName, u64)> = self
+            .paths
+            .blocks()
+            .par_iter()
+            .map(|name| (*name, paths_meeting(self.paths.block(*name), &touched)))
+            .filter(|(_, paths)| *paths != 0)
+            .collect();
+        if let Some(pending) = &mut self.pending {
+            for (name, paths) in met {
+                let known = pending.entry(name).or_default();
+                counts.withdrawn += u64::from((paths & !*known).count_ones());
+                *known |= paths;
+            }
+        }
+        counts.traced += counts.withdrawn;
+        self.edit_counts = counts;
+        self.stale.dirty = true;
+    }
+
+    /// Brings the lights up to date: those that send out what they sent keep their photons.
+    fn take_over(&mut self, world: &World) -> EditCounts {
+        let sources = world.sources();
+        let shares = counts_of(&sources, self.settings.emitted_count);
+        let mut old: HashMap<SourceName, (u32, SourcePhotons)> = std::mem::take(&mut self.paths.sources)
+            .into_iter()
+            .enumerate()
+            .map(|(index, photons)| (photons.source.name().clone(), (index as u32, photons)))
+            .collect();
+        let old_pending = self.pending.take().unwrap_or_default();
+        let mut pending = BTreeMap::new();
+        let mut counts = EditCounts::default();
+        let mut kept_all = true;
+        // Photons lie light by light: lights that changed places change the order of all photons.
+        let mut last_kept = None;
+        for (index, (source, count)) in (0u32..).zip(sources.into_iter().zip(shares)) {
+            let kept = old
+                .remove(source.name())
+                .filter(|(_, before)| before.source.emits_like(&source) && before.count == count);
+            match kept {
+                Some((old_index, before)) => {
+                    kept_all &= last_kept.replace(old_index) < Some(old_index);
+                    let first = BlockName { source: old_index, stratum: 0, place: 0 };
+                    let next = BlockName { source: old_index + 1, ..first };
+                    pending.extend(
+                        old_pending
+                            .range(first..next)
+                            .map(|(name, paths)| (BlockName { source: index, ..*name }, *paths)),
+                    );
+                    self.paths.sources.push(SourcePhotons { source, ..before });
+                }
+                None => {
+                    let fresh = SourcePhotons::new(source, self.settings.seed, count);
+                    kept_all = false;
+                    counts.traced += u64::from(fresh.count);
+                    for (stratum, blocks) in (0..).zip(&fresh.strata) {
+                        let places = 0..blocks.len() as u32;
+                        pending.extend(
+                            places.map(|place| fresh.all_of(BlockName { source: index, stratum, place })),
+                        );
+                    }
+                    self.paths.sources.push(fresh);
+                }
+            }
+        }
+        self.pending = Some(pending);
+        if !kept_all || !old.is_empty() {
+            // Its photons lie on every surface.
+            self.stale.changed = None;
+        }
+        counts
+    }
+
+    /// Hits name instances by number, and numbers move up when nodes are removed.
+    fn rename_instances(&mut self, before: &Accel, after: &Accel) {
+        let numbers: HashMap<&Id, u32> =
+            (0..).zip(after.instances()).map(|(index, instance)| (instance.node_id(), index)).collect();
+        // A hit on a mesh that is gone is about to be withdrawn; its triangle means nothing any more.
+        let number_of = |instance: &Instance| {
+            let number = *numbers.get(instance.node_id())?;
+            Arc::ptr_eq(after.instances()[number as usize].mesh(), instance.mesh()).then_some(number)
+        };
+        let renamed: Vec<Option<u32>> =
+            before.instances().iter().map(|instance| number_of(instance)).collect();
+        if (0..).zip(&renamed).all(|(old, new)| Some(old) == *new) {
+            return;
+        }
+        let blocks = self.paths.sources.iter_mut().flat_map(|photons| photons.strata.iter_mut().flatten());
+        for hit in blocks.flat_map(|block| &mut block.hits) {
+            if let Some(instance) = hit.instance() {
+                hit.rename_instance(renamed[instance as usize]);
+            }
+        }
+    }
+
+    /// Finds the surfaces of now, and which of the maps made last are theirs.
+    fn renew_surfaces(&mut self, after: &Accel) {
+        let old = self.surfaces.clone();
+        self.surfaces = self.surfaces_of(after);
+        // Two edits before the maps are made: back to the sides of the maps.
+        let mapped = |side: SideId| match &self.stale.before {
+            Some(before) => before[side.index()],
+            None => Some(side),
+        };
+        let before = self.surfaces.sides_in(&old).into_iter().map(|side| side.and_then(mapped)).collect();
+        if let Some(changed) = &mut self.stale.changed {
+            // What changed before this edit keeps its place under new numbers.
+            let renamed = old.sides_in(&self.surfaces);
+            for of_class in changed.iter_mut() {
+                let kept = std::mem::take(of_class).into_iter();
+                *of_class =
+                    kept.filter_map(|(side, places)| Some((renamed[side.index()]?, places))).collect();
+            }
+        }
+        self.stale.before = Some(before);
+    }
+
+    /// Traces one photon of every group again and marks the groups whose photon went another way.
+    pub fn probe(&mut self, world: &World) -> ProbeCounts {
+        let Some(pending) = &mut self.pending else { return ProbeCounts::default() };
+        let round = self.probe.round;
+        self.probe.round = round.wrapping_add(1);
+        let paths = &self.paths;
+        let groups: Vec<(u32, u32)> = (0u32..)
+            .zip(&paths.sources)
+            .flat_map(|(source, photons)| (0..photons.strata.len() as u32).map(move |s| (source, s)))
+            .collect();
+        let tracer = PhotonTracer { world, bounces_max: self.settings.bounces_max };
+        let probed: Vec<((u32, u32), bool)> = groups
+            .into_par_iter()
+            .filter_map(|(source, stratum)| {
+                let goes_on = goes_its_way(&tracer, paths, source, stratum, round)?;
+                Some(((source, stratum), goes_on))
+            })
+            .collect();
+        let mut counts = ProbeCounts { probed: probed.len() as u64, ..ProbeCounts::default() };
+        for ((source, stratum), goes_its_way) in probed {
+            if goes_its_way {
+                continue;
+            }
+            counts.diverged += 1;
+            self.stale.dirty = true;
+            let places = 0..paths.sources[source as usize].strata[stratum as usize].len() as u32;
+            let photons = &paths.sources[source as usize];
+            pending.extend(places.map(|place| photons.all_of(BlockName { source, stratum, place })));
+        }
+        if counts.diverged > 0 {
+            self.renew_surfaces(world.accel());
+        }
+        counts
+    }
+}
+
+/// Whether this round's photon of a group still goes the way that is kept; `None` for an empty group.
+fn goes_its_way(
+    tracer: &PhotonTracer<'_>,
+    paths: &PhotonPaths,
+    source: u32,
+    stratum: u32,
+    round: u32,
+) -> Option<bool> {
+    let photons = &paths.sources[source as usize];
+    let blocks = &photons.strata[stratum as usize];
+    let count: usize = blocks.iter().map(|block| block.paths.len()).sum();
+    let rank = (round as usize).checked_rem(count)?;
+    let name = BlockName { source, stratum, place: rank as u32 / BLOCK };
+    let index = rank % BLOCK as usize;
+    let number = photons.numbers(name).nth(index)?;
+    let mut hits = Vec::new();
+    tracer.trace(&photons.source, &photons.sequence, number, &mut hits, &mut TraceTally::default());
+    let block = &blocks[name.place as usize];
+    (index < block.paths.len()).then(|| block.hits_of(index) == hits.as_slice())
+}
+
+/// A box of render space that an edit touched.
+#[derive(Clone, Copy, Debug)]
+struct Touched {
+    middle: Vec3,
+    half: Vec3,
+}
+
+/// Where anything that light can meet was or is, if the edit touched it.
+fn touched_bounds(edit: &Edit<'_>) -> Vec<Touched> {
+    let mut touched = Vec::new();
+    for world in [edit.before, edit.after] {
+        let accel = world.accel();
+        for instance in accel.instances() {
+            let materials = || instance.mesh().primitives().iter().map(|primitive| &primitive.material);
+            let is_touched = edit.change.nodes.contains(instance.node_id())
+                || edit.change.meshes.contains(instance.mesh_id())
+                || materials().any(|material| edit.change.materials.contains(material));
+            if is_touched {
+                touched.push(Touched::around(accel, instance.bounds_in_world(), instance.slack_m()));
+            }
+        }
+    }
+    touched
+}
+
+impl Touched {
+    fn around(accel: &Accel, bounds: &Aabb, slack_m: f32) -> Touched {
+        // Room for the rounding of hits and of this box.
+        let room = Vec3::splat((1e-5 * accel.radius()).max(slack_m).max(f32::MIN_POSITIVE));
+        let to_render = |corner: DVec3| accel.to_render(corner);
+        Touched::between(to_render(bounds.min) - room, to_render(bounds.max) + room)
+    }
+
+    fn between(min: Vec3, max: Vec3) -> Touched {
+        Touched { middle: (min + max) * 0.5, half: (max - min) * 0.5 }
+    }
+
+    /// Around both.
+    fn union(self, other: Touched) -> Touched {
+        let min = (self.middle - self.half).min(other.middle - other.half);
+        Touched::between(min, (self.middle + self.half).max(other.middle + other.half))
+    }
+
+    /// True when the segment meets the box, or comes as near as rounding: no axis of the box and no axis at right angles
+    /// to both sets them apart [Ericson2005, 5.3.3].
+    fn meets(&self, from: Vec3, to: Vec3) -> bool {
+        let middle = (from + to) * 0.5 - self.middle;
+        let half_way = (to - from) * 0.5;
+        let reach = half_way.abs();
+        if middle.abs().cmpgt(self.half + reach).any() {
+            return false;
+        }
+        // Room for parallel segments, whose cross products are all rounding.
+        let reach = reach + reach.max_element() * (4.0 * f32::EPSILON);
+        let apart = middle.cross(half_way).abs();
+        let extent = Vec3::new(
+            self.half.y * reach.z + self.half.z * reach.y,
+            self.half.x * reach.z + self.half.z * reach.x,
+            self.half.x * reach.y + self.half.y * reach.x,
+        );
+        let rounding = middle.abs().max_element() * reach.max_element() * (8.0 * f32::EPSILON);
+        !apart.cmpgt(extent + rounding).any()
+    }
+}
+
+/// The boxes of an edit, and one around them all that most segments miss.
+#[derive(Debug)]
+struct TouchedBoxes {
+    all: Option<Touched>,
+    boxes: Vec<Touched>,
+    /// No box reaches farther from the origin, m.
+    reach_m: f32,
+}
+
+impl TouchedBoxes {
+    fn of(boxes: Vec<Touched>) -> TouchedBoxes {
+        // Of many neighbours in the scene's order a few larger ones: what is withdrawn too much is traced again as it was.
+        let joined = boxes.chunks(boxes.len().div_ceil(BOXES_MAX).max(1));
+        let boxes: Vec<Touched> =
+            joined.filter_map(|some| some.iter().copied().reduce(Touched::union)).collect();
+        let reach = |touched: &Touched| (touched.middle.abs() + touched.half).length();
+        TouchedBoxes {
+            all: boxes.iter().copied().reduce(Touched::union),
+            reach_m: boxes.iter().map(reach).fold(0.0, f32::max),
+            boxes,
+        }
+    }
+
+    /// True when a way from `from` without end, whose direction is off by [`ESCAPE_ERROR`], may meet one of the boxes.
+    fn meet_escape(&self, from: Vec3, direction: Vec3) -> bool {
+        let way_m = 2.0 * (from.length() + self.reach_m);
+        let to = from + direction * way_m;
+        let room = Vec3::splat(way_m * ESCAPE_ERROR);
+        let meets = |touched: &Touched| Touched { half: touched.half + room, ..*touched }.meets(from, to);
+        self.all.as_ref().is_some_and(meets) && self.boxes.iter().any(meets)
+    }
+
+    fn meet(&self, from: Vec3, to: Vec3) -> bool {
+        self.all.is_some_and(|all| all.meets(from, to))
+            && self.boxes.iter().any(|touched| touched.meets(from, to))
+    }
+}
+
+/// A bit for every path of the block that has a segment in one of the boxes.
+fn paths_meeting(block: &Block, touched: &TouchedBoxes) -> u64 {
+    let mut met = 0;
+    for (index, path) in block.paths.iter().enumerate() {
+        let mut from = path.start;
+        let mut is_met = false;
+        for hit in block.hits_of(index) {
+            is_met = is_met || touched.meet(from, hit.position);
+            from = hit.position;
+        }
+        if let Some(direction) = path.escape() {
+            is_met = is_met || touched.meet_escape(from, direction);
+        }
+        met |= u64::from(is_met) << index;
+    }
+    met
+}

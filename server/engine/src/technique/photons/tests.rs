@@ -1,0 +1,195 @@
+//! Laws of photons: where flux starts, and where it ends up.
+
+use std::{
+    f64::consts::PI,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use glam::{DAffine3, DVec3};
+
+use super::{PhotonSettings, PhotonTracing};
+use crate::{
+    math::Rgb,
+    scene::{
+        Environment, Id, Light, LightKind, Material, Scene,
+        samples::{self, Stage},
+    },
+    technique::{Products, Step, Technique},
+    transport::{PathClass, World},
+};
+
+fn traced(scene: Scene, settings: PhotonSettings) -> PhotonTracing {
+    let world = World::prepare(Arc::new(scene));
+    let mut tracing = PhotonTracing::new(settings);
+    let mut products = Products::default();
+    let cancel = AtomicBool::new(false);
+    for _ in 0..10_000 {
+        let mut step = Step { world: &world, products: &mut products, canvas: None, cancel: &cancel };
+        if tracing.step(&mut step).complete {
+            return tracing;
+        }
+    }
+    panic!("no end of it");
+}
+
+fn emitting(emitted_count: u32) -> PhotonSettings {
+    PhotonSettings { emitted_count, ..PhotonSettings::default() }
+}
+
+/// What leaves the lights is absorbed, escapes or is cut off: to float rounding nothing is lost or won.
+#[test]
+fn flux_is_conserved() {
+    let mut dim = samples::cornell_box().unwrap();
+    for bounces_max in [None, Some(1), Some(3)] {
+        let tracing = traced(dim.clone(), PhotonSettings { bounces_max, ..emitting(30_000) });
+        let flux = tracing.flux();
+        let ended = flux.absorbed + flux.absorbed_on_the_way + flux.escaped + flux.cut_off;
+        assert!(flux.emitted > 0.0 && flux.escaped > 0.0, "{flux:?}");
+        assert!((ended / flux.emitted - 1.0).abs() < 1e-6, "{bounces_max:?}: {flux:?}");
+        assert_eq!(flux.cut_off > 0.0, bounces_max.is_some());
+        let power: f64 = World::prepare(Arc::new(dim.clone())).sources().iter().map(|s| s.power_w()).sum();
+        assert!((flux.emitted / power - 1.0).abs() < 1e-5, "{} W of {power} W", flux.emitted);
+    }
+    // Nothing sends out light: nothing is traced, and that is an answer.
+    dim = samples::furnace(0.5, 0.0).unwrap();
+    let dark = traced(dim, emitting(1000));
+    assert_eq!((dark.paths().path_count(), dark.flux().emitted), (0, 0.0));
+}
+
+/// In a closed box of albedo ρ the flux that falls on all walls together is the emitted flux over 1 − ρ, and the share of
+/// the k-th reflection is ρᵏ.
+#[test]
+fn reflections_of_a_furnace_are_a_geometric_series() {
+    for albedo in [0.2f64, 0.7] {
+        let tracing = traced(samples::furnace(albedo as f32, 1.0).unwrap(), emitting(200_000));
+        let flux = tracing.flux();
+        // The box emits as much outwards, which escapes.
+        let inside = flux.emitted - flux.escaped;
+        let sum = |class: PathClass| {
+            let hits = tracing.paths().hits().filter(|(hit, _)| hit.class() == class);
+            hits.map(|(_, flux)| f64::from(flux.luminance())).sum::<f64>()
+        };
+        // Straight: everything that stays.
+        assert!((sum(PathClass::Direct) / inside - 1.0).abs() < 1e-4);
+        let expected = inside * albedo / (1.0 - albedo);
+        let indirect = sum(PathClass::Indirect);
+        // Reflections of a photon are geometrically distributed: mean ρ/(1−ρ), variance ρ/(1−ρ)². Of n photons the mean is
+        // off by 1/√(ρn), relative to itself; four of these, of the 100,000 that stay inside.
+        let tolerance = 4.0 / (albedo * 1e5).sqrt();
+        assert!((indirect / expected - 1.0).abs() < tolerance, "ρ {albedo}: {indirect} for {expected}");
+        assert_eq!(sum(PathClass::Caustic), 0.0);
+        // And of all that falls on them walls keep 1 − ρ.
+        let kept = flux.absorbed / (sum(PathClass::Direct) + indirect);
+        assert!((kept / (1.0 - albedo) - 1.0).abs() < tolerance, "ρ {albedo}: {kept} is kept");
+    }
+}
+
+/// A square of 2 × 2 m in the plane y = 0 that faces up.
+fn square_below(light: impl FnOnce(&mut Stage)) -> Scene {
+    let mut stage = Stage::default();
+    let black = stage.material("black", Material::lambert(Rgb::BLACK)).unwrap();
+    let v = DVec3::new;
+    let corners = [v(-1., 0., 1.), v(1., 0., 1.), v(1., 0., -1.), v(-1., 0., -1.)];
+    stage.place("square", samples::quad(corners, &black), DAffine3::IDENTITY).unwrap();
+    light(&mut stage);
+    stage.finish()
+}
+
+fn punctual(kind: LightKind) -> impl FnOnce(&mut Stage) {
+    move |stage: &mut Stage| {
+        let light = Light {
+            parent: None,
+            position: DVec3::new(0.0, 1.0, 0.0),
+            direction: DVec3::new(0.6, -0.8, 0.0),
+            kind,
+        };
+        stage.light("light", light).unwrap();
+    }
+}
+
+/// Every kind of light sends the flux onto a square that its radiometry says.
+#[test]
+fn lights_send_their_flux() {
+    let colour = Rgb::new(1.0, 2.0, 4.0);
+    let luminance = f64::from(colour.luminance());
+    // Seen from a cube's middle one of its faces is a sixth of all directions: a point 1 m above the 2 m square.
+    let point = square_below(punctual(LightKind::Point { intensity: colour }));
+    let sun = square_below(punctual(LightKind::Directional { irradiance: colour }));
+    let sky = square_below(|stage| {
+        stage.builder().set_environment(Environment::Constant(colour)).unwrap();
+    });
+    let lamp = square_below(|stage| {
+        let lamp = stage.material("lamp", Material::emitter(colour)).unwrap();
+        let v = DVec3::new;
+        // As large, 2 m above, facing down: the form factor between opposite faces of a cube is 0.1998.
+        let corners = [v(-1., 2., -1.), v(1., 2., -1.), v(1., 2., 1.), v(-1., 2., 1.)];
+        stage.place("lamp", samples::quad(corners, &lamp), DAffine3::IDENTITY).unwrap();
+    });
+    let cases = [
+        ("point", point, luminance * 4.0 * PI / 6.0),
+        ("sun", sun, luminance * 4.0 * 0.8),
+        // Both sides of 4 m².
+        ("sky", sky, luminance * PI * 8.0),
+        ("lamp", lamp, luminance * PI * 4.0 * 0.199_825),
+    ];
+    for (name, scene, expected) in cases {
+        let tracing = traced(scene, emitting(100_000));
+        let on_square =
+            |instance: u32| tracing.paths().hits().filter(move |(hit, _)| hit.instance() == Some(instance));
+        let got: f64 = on_square(0).map(|(_, flux)| f64::from(flux.luminance())).sum();
+        // Low-discrepancy points: far below the 0.7 % that chance would leave of 20,000 photons.
+        assert!((got / expected - 1.0).abs() < 0.007, "{name}: {got} W for {expected} W");
+        let blue: f64 = on_square(0).map(|(_, flux)| f64::from(flux.b)).sum();
+        assert!((blue / got - 4.0 / luminance).abs() < 1e-4, "{name} has another colour");
+    }
+}
+
+/// A spot sends out what its intensity adds up to over its cone, and nothing beyond.
+#[test]
+fn spots_keep_to_their_cone() {
+    let (inner, outer) = (0.2f32, 0.6f32);
+    let kind = LightKind::Spot { intensity: Rgb::splat(3.0), inner_angle_rad: inner, outer_angle_rad: outer };
+    let mut stage = Stage::default();
+    let black = stage.material("black", Material::lambert(Rgb::BLACK)).unwrap();
+    stage
+        .place("ball", samples::sphere(DVec3::new(0., 1., 0.), 5.0, 64, &black), DAffine3::IDENTITY)
+        .unwrap();
+    punctual(kind)(&mut stage);
+    let tracing = traced(stage.finish(), emitting(50_000));
+    // ∫ 3 t² dω with t = (cos θ − cos o) / (cos i − cos o), 1 inside: 2π · 3 · [(1 − cos i) + (cos i − cos o) / 3].
+    let (ci, co) = (f64::from(inner.cos()), f64::from(outer.cos()));
+    let expected = 2.0 * PI * 3.0 * ((1.0 - ci) + (ci - co) / 3.0);
+    let got: f64 = tracing.paths().hits().map(|(_, flux)| f64::from(flux.luminance())).sum();
+    assert!((got / expected - 1.0).abs() < 0.005, "{got} for {expected}");
+    for (hit, _) in tracing.paths().hits() {
+        let direction = (hit.position.as_dvec3() - DVec3::new(0.0, 1.0, 0.0)).normalize();
+        assert!(direction.dot(DVec3::new(0.6, -0.8, 0.0)) > co - 1e-4);
+    }
+}
+
+/// Photons fall to lights in proportion to their power: each carries nearly the same.
+#[test]
+fn photons_carry_nearly_the_same_flux() {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+    let room = samples::cuboid(DVec3::splat(-2.0), DVec3::splat(2.0), &white);
+    stage.place("room", room, DAffine3::IDENTITY).unwrap();
+    for (index, watts) in [1.0f32, 3.0, 10.0, 1e-9].into_iter().enumerate() {
+        let light = Light {
+            parent: None,
+            position: DVec3::new(0.3 * index as f64, 0.0, 0.0),
+            direction: DVec3::NEG_Y,
+            kind: LightKind::Point { intensity: Rgb::splat(watts) },
+        };
+        stage.builder().add_light(Id::new(&format!("light {index}")).unwrap(), light).unwrap();
+    }
+    let tracing = traced(stage.finish(), emitting(28_000));
+    let total = tracing.paths().path_count();
+    assert!((23_000..34_000).contains(&total), "{total} photons");
+    let mut all: Vec<f32> = tracing.paths().hits().map(|(_, flux)| flux.luminance()).collect();
+    all.sort_by(f32::total_cmp);
+    let (median, high) = (all[all.len() / 2], all[all.len() - 1]);
+    assert!(high < 1.05 * median, "{high} against {median}");
+    // Neither more nor fewer for the one that sends out a billionth: one photon.
+    assert!(all[0] < 1e-4 * median);
+}

@@ -1,0 +1,209 @@
+//! One photon from its light to its end.
+
+use glam::Vec3;
+
+use super::{
+    paths::{PhotonHit, PhotonPath},
+    sequence::Sequence,
+};
+use crate::{
+    accel::{Hit, Ray},
+    math::Rgb,
+    transport::{Absorption, Bsdf, PathClass, Scatter, Source, Surface, World},
+};
+
+/// A photon ends here whatever it carries: light trapped by total reflection in lossless glass never would.
+const BOUNCES_END: u32 = 4096;
+
+/// What photons need to know besides the scene.
+#[derive(Clone, Copy)]
+pub(super) struct PhotonTracer<'a> {
+    pub(super) world: &'a World,
+    /// Most surfaces that a photon reaches; `None`: until absorbed.
+    pub(super) bounces_max: Option<u32>,
+}
+
+/// Where the flux of some photons went: luminance, W, or in shares of a photon's flux while they are traced.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FluxTally {
+    /// Sent out.
+    pub emitted: f64,
+    /// Left at surfaces: what arrived less what went on. Russian roulette makes single shares negative.
+    pub absorbed: f64,
+    /// Left in coloured glass.
+    pub absorbed_on_the_way: f64,
+    /// Out of the scene.
+    pub escaped: f64,
+    /// Carried by photons that were ended by the bound on bounces.
+    pub cut_off: f64,
+}
+
+impl FluxTally {
+    /// Of photons of `flux_w` each.
+    pub(super) fn in_watts(self, flux_w: f64) -> FluxTally {
+        FluxTally {
+            emitted: self.emitted * flux_w,
+            absorbed: self.absorbed * flux_w,
+            absorbed_on_the_way: self.absorbed_on_the_way * flux_w,
+            escaped: self.escaped * flux_w,
+            cut_off: self.cut_off * flux_w,
+        }
+    }
+}
+
+impl std::ops::AddAssign for FluxTally {
+    fn add_assign(&mut self, o: FluxTally) {
+        self.emitted += o.emitted;
+        self.absorbed += o.absorbed;
+        self.absorbed_on_the_way += o.absorbed_on_the_way;
+        self.escaped += o.escaped;
+        self.cut_off += o.cut_off;
+    }
+}
+
+/// Counts of tracing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct TraceTally {
+    pub(super) rays: u64,
+    pub(super) flux: FluxTally,
+}
+
+/// A photon on its way.
+struct Flight {
+    ray: Ray,
+    weight: Rgb,
+    /// What scattered last; `None` at the light.
+    arriving: Arriving,
+    medium: Option<Absorption>,
+    bounce: u32,
+}
+
+/// Path class of light at the surface it falls on, if that surface scatters it diffusely to the eye.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Arriving {
+    Straight,
+    Focused,
+    Scattered,
+}
+
+impl Arriving {
+    fn class(self) -> PathClass {
+        match self {
+            Arriving::Straight => PathClass::Direct,
+            Arriving::Focused => PathClass::Caustic,
+            Arriving::Scattered => PathClass::Indirect,
+        }
+    }
+
+    fn after(self, scatter: Scatter) -> Arriving {
+        match (self, scatter) {
+            (_, Scatter::Diffuse) | (Arriving::Scattered, _) => Arriving::Scattered,
+            (_, Scatter::Specular) => Arriving::Focused,
+        }
+    }
+}
+
+impl PhotonTracer<'_> {
+    /// Traces photon `number` of `source`, adds its hits to `hits` and returns its path, whose hits start at `first_hit`.
+    pub(super) fn trace(
+        &self,
+        source: &Source,
+        sequence: &Sequence,
+        number: u32,
+        hits: &mut Vec<PhotonHit>,
+        tally: &mut TraceTally,
+    ) -> PhotonPath {
+        let first_hit = hits.len() as u32;
+        let Some(emitted) = self.world.emit(source, &sequence.emission(number)) else {
+            return PhotonPath::from(Vec3::ZERO, first_hit);
+        };
+        let mut flight = Flight {
+            ray: emitted.ray,
+            weight: emitted.weight,
+            arriving: Arriving::Straight,
+            medium: None,
+            bounce: 0,
+        };
+        tally.flux.emitted += carried(&flight);
+        let mut path = PhotonPath::from(emitted.ray.origin, first_hit);
+        loop {
+            if flight.bounce >= self.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END) {
+                tally.flux.cut_off += carried(&flight);
+                return path;
+            }
+            tally.rays += 1;
+            let Some(hit) = self.world.closest_hit(&flight.ray) else {
+                tally.flux.escaped += carried(&flight);
+                path.escape_towards(flight.ray.direction);
+                return path;
+            };
+            let numbers = sequence.four(flight.bounce + 1, number);
+            if !self.advance(&mut flight, &hit, &numbers, hits, tally) {
+                return path;
+            }
+        }
+    }
+
+    /// Takes the photon to the surface it met and scatters it there. False when it was absorbed.
+    fn advance(
+        &self,
+        flight: &mut Flight,
+        hit: &Hit,
+        numbers: &[f32; 4],
+        hits: &mut Vec<PhotonHit>,
+        tally: &mut TraceTally,
+    ) -> bool {
+        let direction = flight.ray.direction;
+        let surface = self.world.surface(hit, direction);
+        let is_glass = matches!(surface.bsdf, Bsdf::Glass(_));
+        if is_glass && direction.dot(surface.frame.n) > 0.0 {
+            flight.medium = surface.inside;
+        }
+        if let Some(medium) = &flight.medium {
+            let before = carried(flight);
+            flight.weight *= medium.transmittance(hit.t);
+            tally.flux.absorbed_on_the_way += before - carried(flight);
+        }
+        let arrived = carried(flight);
+        hits.push(PhotonHit::new(&surface, hit, -direction, flight.weight, flight.arriving.class()));
+        let goes_on = arrived > 0.0 && self.scatter(flight, &surface, numbers);
+        tally.flux.absorbed += arrived - if goes_on { carried(flight) } else { 0.0 };
+        goes_on
+    }
+
+    /// Draws where the photon goes on; false when it is absorbed.
+    fn scatter(&self, flight: &mut Flight, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
+        let wo = -flight.ray.direction;
+        let wo_local = surface.frame.to_local(wo);
+        let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
+        let wi = surface.frame.to_world(drawn.wi);
+        // The weight is that of radiance on its way to the eye; flux is not scaled where it enters a denser medium.
+        let mut weight = flight.weight * drawn.weight * drawn.eta_squared;
+        // And the cosine that counts for flux is that of the surface, not of its bent normal [Veach1997, 5.3.2].
+        let n_geo = surface.point.n_geo;
+        let bent = (wo.dot(n_geo) * drawn.wi.z).abs();
+        if bent > 0.0 {
+            weight *= (wo_local.z * wi.dot(n_geo)).abs() / bent;
+        }
+        if !weight.is_finite() {
+            return false;
+        }
+        // Roulette by how much luminance is left: power stays nearly the same.
+        let survives = (weight.luminance() / flight.weight.luminance()).min(1.0);
+        if !(survives > 0.0) || *survival >= survives {
+            return false;
+        }
+        flight.weight = weight * (1.0 / survives);
+        flight.arriving = flight.arriving.after(drawn.scatter);
+        flight.bounce += 1;
+        if wo_local.z * drawn.wi.z < 0.0 {
+            flight.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
+        }
+        flight.ray = surface.point.ray_towards(wi);
+        true
+    }
+}
+
+fn carried(flight: &Flight) -> f64 {
+    f64::from(flight.weight.luminance())
+}

@@ -1,0 +1,314 @@
+//! Photon maps: one per side of every crease surface and class of light, and what is read from them.
+//!
+//! Density estimate E = Σ Φⱼ / A over the photons within the distance r of the k-th nearest, where A is the area of their
+//! own surfaces within that sphere [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
+//! hang off the surface. The k-th photon defines r and does not count itself, which makes the estimate unbiased for even
+//! light. **Biased**: blurs over r. Consistent as photons grow and r shrinks.
+
+use std::{num::NonZeroUsize, sync::Arc};
+
+use glam::Vec3;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use super::surfaces::{SideId, Surfaces, TriangleSide, tree_over};
+use crate::{
+    math::{Rgb, octahedral},
+    transport::PathClass,
+};
+
+/// Classes of light that maps are made for: what falls straight from lights is computed better without photons.
+pub const MAPPED: [PathClass; 2] = [PathClass::Indirect, PathClass::Caustic];
+
+/// The photons of one class on one side of a surface.
+pub struct SideMap {
+    tree: ImmutableKdTree<f32, 3>,
+    photons: Vec<MapPhoton>,
+}
+
+impl std::fmt::Debug for SideMap {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SideMap").field("photons", &self.photons.len()).finish()
+    }
+}
+
+/// A photon on its way into a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FallenPhoton {
+    /// Where, in render space.
+    pub position: Vec3,
+    /// Flux, W.
+    pub flux: Rgb,
+    /// Where it came from, octahedral.
+    pub direction: u32,
+}
+
+/// A photon in a map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapPhoton {
+    /// Where, in render space.
+    pub position: Vec3,
+    /// Flux, W.
+    pub flux: Rgb,
+    /// Where it came from, octahedral.
+    pub direction: u32,
+    /// Normal of the surface on the side it fell on, octahedral.
+    pub normal: u32,
+}
+
+/// The photon maps of a scene, by class and side.
+#[derive(Clone, Debug, Default)]
+pub struct PhotonMaps {
+    surfaces: Arc<Surfaces>,
+    /// `[class][side]`.
+    sides: [Vec<Option<Arc<SideMap>>>; 2],
+}
+
+/// A photon as a gather sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatheredPhoton {
+    /// Unit direction to where it came from.
+    pub direction: Vec3,
+    /// Its share of the irradiance, W/m².
+    pub irradiance: Rgb,
+}
+
+/// How far from 1 the length of a direction may be. Rotations and packing leave 10⁻⁶; and it must be well below
+/// [`CHORD_NEGLIGIBLE`], so that a photon which is alone in its cluster is not taken for one off its centre.
+const UNIT_TOLERANCE: f32 = 1e-4;
+
+impl GatheredPhoton {
+    /// True for a unit direction and an irradiance that is finite and nowhere negative.
+    pub fn is_sound(&self) -> bool {
+        // Comparisons with NaN are false. All are made, since one branch on their product is cheaper than many.
+        let is_unit = (self.direction.length_squared() - 1.0).abs() < 2.0 * UNIT_TOLERANCE;
+        let [r, g, b] = self.irradiance.to_array().map(|channel| (0.0..=f32::MAX).contains(&channel));
+        is_unit & r & g & b
+    }
+}
+
+/// What a gather found; kept by the caller so that its memory is used again.
+#[derive(Clone, Debug, Default)]
+pub struct Gather {
+    /// The photons.
+    pub photons: Vec<GatheredPhoton>,
+    /// Radius they lie within, m: nothing further out had any influence.
+    pub radius_m: f32,
+    /// Area of the surfaces within that radius, m².
+    pub area_m2: f32,
+    near: Vec<Near>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    distance2: f32,
+    side: u32,
+    item: u32,
+}
+
+/// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
+pub const FACING_COS: f32 = 0.5;
+
+/// Photons of a gather that must face its normal; with fewer all count.
+const FACING_MIN: usize = 8;
+
+/// Where and how far to gather.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatherBounds {
+    /// Middle, render space.
+    pub centre: Vec3,
+    /// Where the surfaces face, unit.
+    pub normal: Vec3,
+    /// Radius to be content with, m, if that many photons lie within it …
+    pub radius_m: f32,
+    /// … as these.
+    pub count_min: NonZeroUsize,
+    /// Of more photons than these only the nearest count.
+    pub count_max: NonZeroUsize,
+    /// Where fewer than `count_min` lie within `radius_m`, the nearest of them count that lie within this radius, m.
+    pub radius_max_m: f32,
+}
+
+impl PhotonMaps {
+    /// Maps of all photons; `kept(class, side)` gives those that are as they were.
+    ///
+    /// - `all`: every photon with its class and place; those of classes without maps are left out
+    /// - `normal_of`: unit normal of a triangle on a side of it
+    pub(in crate::technique) fn of(
+        all: Vec<(PathClass, TriangleSide, FallenPhoton)>,
+        surfaces: Arc<Surfaces>,
+        normal_of: impl Fn(TriangleSide) -> Vec3,
+        kept: impl Fn(usize, SideId) -> Option<Option<Arc<SideMap>>>,
+    ) -> PhotonMaps {
+        let side_count = 2 * surfaces.count() as usize;
+        let mut sides: [Vec<Option<Arc<SideMap>>>; 2] = std::array::from_fn(|_| vec![None; side_count]);
+        let mut is_open = [vec![true; side_count], vec![true; side_count]];
+        for class in 0..MAPPED.len() {
+            for side in 0..side_count {
+                if let Some(map) = kept(class, SideId::at(side)) {
+                    sides[class][side] = map;
+                    is_open[class][side] = false;
+                }
+            }
+        }
+        let mut photons: [Vec<Vec<MapPhoton>>; 2] = std::array::from_fn(|_| vec![Vec::new(); side_count]);
+        for (class, place, photon) in all {
+            let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { continue };
+            let side = surfaces.side(place).index();
+            if is_open[class][side] {
+                let FallenPhoton { position, flux, direction } = photon;
+                let normal = octahedral::encode(normal_of(place));
+                photons[class][side].push(MapPhoton { position, flux, direction, normal });
+            }
+        }
+        for (maps, photons) in sides.iter_mut().zip(photons) {
+            maps.par_iter_mut().zip(photons).filter(|(_, photons)| !photons.is_empty()).for_each(
+                |(map, photons)| {
+                    *map = SideMap::of(photons).map(Arc::new);
+                },
+            );
+        }
+        PhotonMaps { surfaces, sides }
+    }
+
+    /// The surfaces they lie on.
+    pub fn surfaces(&self) -> &Arc<Surfaces> {
+        &self.surfaces
+    }
+
+    /// The map of a side, by class as in [`MAPPED`].
+    pub fn side_map(&self, class: usize, side: SideId) -> &Option<Arc<SideMap>> {
+        &self.sides[class][side.index()]
+    }
+
+    /// Photons in all maps of a class.
+    pub fn photon_count(&self, class: PathClass) -> usize {
+        let Some(index) = MAPPED.iter().position(|mapped| *mapped == class) else { return 0 };
+        self.sides[index].iter().flatten().map(|map| map.photons.len()).sum()
+    }
+
+    /// Sides that photons of a class lie on.
+    pub fn map_count(&self, class: PathClass) -> usize {
+        let Some(index) = MAPPED.iter().position(|mapped| *mapped == class) else { return 0 };
+        self.sides[index].iter().flatten().count()
+    }
+
+    /// Memory of photons and trees.
+    pub fn bytes(&self) -> usize {
+        let photons: usize = self.sides.iter().flatten().flatten().map(|map| map.photons.len()).sum();
+        // kiddo keeps a position and a number for each.
+        photons * (size_of::<MapPhoton>() + 16)
+            + self.surfaces.bytes()
+            + self.sides.iter().map(|sides| sides.len() * size_of::<Option<Arc<SideMap>>>()).sum::<usize>()
+    }
+
+    /// The photons of a class around a point on some sides of surfaces, as far as those face its normal, with their shares
+    /// of the irradiance there.
+    ///
+    /// - `sides`: `[n]`, each once
+    pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
+        gather.photons.clear();
+        gather.area_m2 = 0.0;
+        let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
+        let maps = &self.sides[class];
+        let lit = || sides.iter().filter_map(|side| Some((*side, maps[side.index()].as_ref()?)));
+        gather.near.clear();
+        gather.radius_m = bounds.radius_m.min(bounds.radius_max_m);
+        if bounds.radius_m < bounds.radius_max_m {
+            // Everything within a radius is found several times faster than the nearest of some number.
+            lit().for_each(|(side, map)| gather.add_within(side, map, bounds.centre));
+        }
+        if gather.near.len() < bounds.count_min.get() {
+            gather.near.clear();
+            gather.radius_m = bounds.radius_max_m;
+            lit().for_each(|(side, map)| gather.add_nearest(side, map, bounds));
+            gather.close_in(bounds.count_min.get());
+        } else {
+            gather.close_in(bounds.count_max.get());
+        }
+        if gather.near.is_empty() {
+            return;
+        }
+        // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
+        // far away.
+        gather.near.sort_unstable_by_key(|near| u64::from(near.side) << 32 | u64::from(near.item));
+        let faces = |near: &Near| {
+            let photon = maps[near.side as usize].as_ref().map(|map| map.photons[near.item as usize]);
+            photon.is_some_and(|photon| octahedral::decode(photon.normal).dot(bounds.normal) >= FACING_COS)
+        };
+        // In a fold only a few may face the right way: one of them on a triangle the size of a pinhead would outshine
+        // everything. Then all count, and so does all the area.
+        let facing_count = gather.near.iter().filter(|near| faces(near)).count();
+        let is_oriented = facing_count >= FACING_MIN || facing_count == gather.near.len();
+        let facing_cos = if is_oriented { FACING_COS } else { -2.0 };
+        gather.area_m2 = self.area_within(sides, bounds, (gather.radius_m, facing_cos));
+        if !(gather.area_m2 > 0.0) {
+            return;
+        }
+        let per_area = 1.0 / gather.area_m2;
+        gather.photons.extend(gather.near.iter().filter_map(|near| {
+            let photon = maps[near.side as usize].as_ref()?.photons[near.item as usize];
+            let faces = octahedral::decode(photon.normal).dot(bounds.normal) >= facing_cos;
+            faces.then(|| GatheredPhoton {
+                direction: octahedral::decode(photon.direction),
+                irradiance: photon.flux * per_area,
+            })
+        }));
+    }
+
+    /// Area of the surfaces of some sides within a radius that face within a cosine of the normal: of both sides where both
+    /// are asked for, since the photons of both count.
+    fn area_within(&self, sides: &[SideId], bounds: &GatherBounds, reach: (f32, f32)) -> f32 {
+        sides.iter().map(|side| self.surfaces.area_in_sphere(*side, bounds, reach)).sum()
+    }
+}
+
+impl Gather {
+    fn add_within(&mut self, side: SideId, map: &SideMap, centre: Vec3) {
+        let centre = centre.to_array();
+        let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(self.radius_m * self.radius_m);
+        self.add(side, within.unsorted().execute().iter().map(|near| (near.distance, near.item)));
+    }
+
+    fn add_nearest(&mut self, side: SideId, map: &SideMap, bounds: &GatherBounds) {
+        let centre = bounds.centre.to_array();
+        let nearest = map.tree.query(&centre).nearest_n::<SquaredEuclidean<f32>>(bounds.count_min);
+        let found = nearest.within(bounds.radius_max_m * bounds.radius_max_m).unsorted().execute();
+        self.add(side, found.iter().map(|near| (near.distance, near.item)));
+    }
+
+    fn add(&mut self, side: SideId, found: impl Iterator<Item = (f32, u32)>) {
+        let side = side.index() as u32;
+        self.near.extend(found.map(|(distance2, item)| Near { distance2, side, item }));
+    }
+
+    /// Keeps those nearer than the k-th and sets the radius to its distance; keeps all when there are fewer.
+    fn close_in(&mut self, count: usize) {
+        if self.near.len() < count {
+            return;
+        }
+        // Those at the same distance are told apart by name, so that the answer does not depend on any order.
+        let order = |near: &Near| (near.distance2, near.side, near.item);
+        let last = count - 1;
+        self.near.select_nth_unstable_by(last, |a, b| {
+            order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let radius_m = self.near[last].distance2.sqrt();
+        if radius_m > 0.0 {
+            self.radius_m = radius_m;
+            self.near.truncate(last);
+        }
+    }
+
+    /// Irradiance of all photons together, W/m².
+    pub fn irradiance(&self) -> Rgb {
+        self.photons.iter().fold(Rgb::BLACK, |sum, photon| sum + photon.irradiance)
+    }
+}
+
+impl SideMap {
+    fn of(photons: Vec<MapPhoton>) -> Option<SideMap> {
+        let positions: Vec<[f32; 3]> = photons.iter().map(|photon| photon.position.to_array()).collect();
+        Some(SideMap { tree: tree_over(&positions)?, photons })
+    }
+}

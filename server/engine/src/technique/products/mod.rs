@@ -1,0 +1,64 @@
+//! What techniques make for each other: photon maps over the surfaces of the scene, and caches of the light there.
+
+mod crease;
+mod map;
+mod patch;
+mod surfaces;
+
+use std::{collections::HashMap, fmt, sync::Arc};
+
+use glam::Vec3;
+
+pub use self::{
+    crease::CREASE_ANGLE_RAD,
+    map::{
+        FACING_COS, FallenPhoton, Gather, GatherBounds, GatheredPhoton, MAPPED, MapPhoton, PhotonMaps,
+        SideMap,
+    },
+    patch::{Patch, clip_to_box},
+    surfaces::{SideId, Surfaces, TriangleSide},
+};
+
+use super::Card;
+use crate::{math::Rgb, transport::Surface};
+
+/// What a diffuse lobe sends to the eye of light that did not come straight from its source, W/(m² sr).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ScatteredLight {
+    /// Of light that another diffuse surface scattered before.
+    pub indirect: Rgb,
+    /// Of light that only mirrors and glass sent on before.
+    pub caustic: Rgb,
+}
+
+/// A cache of the light that surfaces receive: what the eye's paths ask at the first diffuse surface instead of going on.
+pub trait SecondaryLight: fmt::Debug + Send + Sync {
+    /// What made it.
+    fn card(&self) -> &'static Card;
+
+    /// What the diffuse lobe of `surface` sends to `wo`.
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight;
+}
+
+/// Photon maps with what changed since the last ones.
+#[derive(Clone, Debug, Default)]
+pub struct PhotonProduct {
+    /// The maps.
+    pub maps: PhotonMaps,
+    /// Counts up with every product of one technique.
+    pub generation: u64,
+    /// Where photons came or went since the generation before; `None`: anywhere.
+    pub changed: Option<ChangedPhotons>,
+}
+
+/// Places of photons that came or went, by class as in [`MAPPED`], and by the side they lie on.
+pub type ChangedPhotons = [HashMap<SideId, Vec<Vec3>>; 2];
+
+/// The newest of what is there so far.
+#[derive(Clone, Debug, Default)]
+pub struct Products {
+    /// Photon maps.
+    pub photons: Option<Arc<PhotonProduct>>,
+    /// What is known of the light that surfaces receive by way of others.
+    pub secondary: Option<Arc<dyn SecondaryLight>>,
+}

@@ -1,0 +1,358 @@
+//! The crease surfaces of a scene, instance by instance, and how much of them lies within a sphere.
+//!
+//! A surface has two sides, and a photon map for each: what falls on one side of a wall must not light the other.
+
+use std::{collections::HashMap, num::NonZeroUsize, sync::Arc};
+
+use glam::{Mat3, Vec3};
+use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
+use rayon::prelude::*;
+
+use super::{crease::CreaseSurfaces, map::GatherBounds, patch};
+use crate::{
+    accel::{Accel, Instance},
+    scene::Mesh,
+};
+
+/// Surfaces of so few triangles are gone through one by one.
+const FEW: usize = 24;
+/// Triangles that reach so many times as far as the median one are gone through one by one as well: the search for the
+/// others stays narrow.
+const LARGE: f32 = 4.0;
+
+/// One side of one crease surface: twice the surface's number, plus one for the back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SideId(u32);
+
+impl SideId {
+    /// A side of a surface.
+    pub fn of(surface: u32, is_front: bool) -> SideId {
+        SideId(surface << 1 | u32::from(!is_front))
+    }
+
+    /// The side at a place of lists over sides.
+    pub fn at(index: usize) -> SideId {
+        SideId(index as u32)
+    }
+
+    /// Place in lists over sides.
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Number of the surface it is a side of.
+    pub fn surface(self) -> u32 {
+        self.0 >> 1
+    }
+
+    /// It is the front.
+    pub fn is_front(self) -> bool {
+        self.0 & 1 == 0
+    }
+}
+
+/// One side of a triangle of an instance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TriangleSide {
+    /// Index of the instance.
+    pub instance: u32,
+    /// Index of the triangle.
+    pub triangle: u32,
+    /// Its front.
+    pub is_front: bool,
+}
+
+/// The surfaces of one instance.
+#[derive(Debug)]
+struct InstanceSurfaces {
+    instance: Arc<Instance>,
+    crease: Arc<CreaseSurfaces>,
+    surfaces: Vec<Extent>,
+}
+
+/// Where the triangles of a surface lie.
+#[derive(Debug)]
+struct Extent {
+    /// Those gone through one by one.
+    singles: Vec<u32>,
+    /// The others, by their middles.
+    tree: Option<Middles>,
+    /// Of all of them, m².
+    area_m2: f32,
+}
+
+struct Middles {
+    tree: ImmutableKdTree<f32, 3>,
+    facts: Vec<TriangleFacts>,
+    /// Farthest corner of any of them from its middle, m.
+    reach_m: f32,
+}
+
+/// What most triangles are judged by: only those at a sphere's rim are cut.
+#[derive(Clone, Copy, Debug)]
+struct TriangleFacts {
+    triangle: u32,
+    area_m2: f32,
+    /// Of its front, unit; zero for one without area.
+    normal: Vec3,
+    /// Farthest corner from its middle, m.
+    reach_m: f32,
+}
+
+impl TriangleFacts {
+    fn of(instance: &Instance, triangle: u32) -> (Vec3, TriangleFacts) {
+        let [a, b, c] = corners(instance, triangle);
+        // A mirroring transform turns the winding round, not the front.
+        let n = (b - a).cross(c - a) * instance.handedness();
+        let middle = (a + b + c) / 3.0;
+        let reach_m = a.distance(middle).max(b.distance(middle)).max(c.distance(middle));
+        let area_m2 = 0.5 * n.length();
+        (middle, TriangleFacts { triangle, area_m2, normal: n.normalize_or_zero(), reach_m })
+    }
+}
+
+impl std::fmt::Debug for Middles {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Middles").field("triangles", &self.facts.len()).finish()
+    }
+}
+
+/// All crease surfaces of a scene [Larsen2004, 8.1].
+#[derive(Debug, Default)]
+pub struct Surfaces {
+    instances: Vec<Arc<InstanceSurfaces>>,
+    /// Number of each instance's first surface, and of all.
+    first: Vec<u32>,
+    angle_rad: f32,
+}
+
+impl Surfaces {
+    /// Of the instances of `accel`; what `before` knows of those that stayed is taken over.
+    pub(in crate::technique) fn of(accel: &Accel, angle_rad: f32, before: &Surfaces) -> Surfaces {
+        let known = |index: usize, instance: &Arc<Instance>| {
+            let same = |old: &&Arc<InstanceSurfaces>| Arc::ptr_eq(&old.instance, instance);
+            // Mostly at its old place.
+            before.instances.get(index).filter(same).or_else(|| before.instances.iter().find(same)).cloned()
+        };
+        let instances: Vec<Arc<InstanceSurfaces>> = accel
+            .instances()
+            .par_iter()
+            .enumerate()
+            .map(|(index, instance)| {
+                known(index, instance)
+                    .unwrap_or_else(|| Arc::new(InstanceSurfaces::of(instance, angle_rad, before)))
+            })
+            .collect();
+        let mut first = vec![0];
+        let mut count = 0;
+        for instance in &instances {
+            count += instance.crease.count();
+            first.push(count);
+        }
+        Surfaces { instances, first, angle_rad }
+    }
+
+    /// Number of surfaces.
+    pub fn count(&self) -> u32 {
+        self.first.last().copied().unwrap_or(0)
+    }
+
+    /// Angle between neighbouring triangles below which they are one surface.
+    pub fn angle_rad(&self) -> f32 {
+        self.angle_rad
+    }
+
+    /// The instance and its triangle are known here.
+    pub fn holds(&self, place: TriangleSide) -> bool {
+        let known = self.instances.get(place.instance as usize);
+        known.is_some_and(|known| (place.triangle as usize) < known.instance.mesh().triangles().len())
+    }
+
+    /// The side of a surface that the side of a triangle belongs to.
+    pub fn side(&self, place: TriangleSide) -> SideId {
+        let surface =
+            self.first_surface(place.instance) + self.surface_in_instance(place.instance, place.triangle);
+        SideId::of(surface, place.is_front)
+    }
+
+    /// Number of an instance's first surface.
+    pub fn first_surface(&self, instance: u32) -> u32 {
+        self.first[instance as usize]
+    }
+
+    /// Number of a triangle's surface among those of its instance.
+    pub fn surface_in_instance(&self, instance: u32, triangle: u32) -> u32 {
+        self.instances[instance as usize].crease.surface_of(triangle)
+    }
+
+    /// Area of what a side of a surface turns to the gather's normal, within a cosine of it, in a sphere around its middle,
+    /// m²; `reach`: radius and cosine.
+    pub(super) fn area_in_sphere(&self, side: SideId, bounds: &GatherBounds, reach: (f32, f32)) -> f32 {
+        let (instance, surface) = self.place_of(side.surface());
+        let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
+        let bounds = GatherBounds { normal, ..*bounds };
+        self.instances[instance].area_in_sphere(surface, &bounds, reach)
+    }
+
+    /// Area of a surface, m².
+    pub fn area_m2(&self, surface: u32) -> f32 {
+        let (instance, surface) = self.place_of(surface);
+        self.instances[instance].surfaces[surface as usize].area_m2
+    }
+
+    /// The instance of a surface, and its number there.
+    fn place_of(&self, surface: u32) -> (usize, u32) {
+        // The last instance that starts at or before it; those without surfaces start with their successor.
+        let instance = self.first.partition_point(|first| *first <= surface) - 1;
+        (instance, surface - self.first[instance])
+    }
+
+    /// For every side of these surfaces the same side of `other`, where both know the same instance, unmoved.
+    pub fn sides_in(&self, other: &Surfaces) -> Vec<Option<SideId>> {
+        let places: HashMap<*const InstanceSurfaces, u32> =
+            (0..).zip(&other.instances).map(|(index, instance)| (Arc::as_ptr(instance), index)).collect();
+        let mut sides = Vec::with_capacity(2 * self.count() as usize);
+        for instance in &self.instances {
+            let first = places.get(&Arc::as_ptr(instance)).map(|index| 2 * other.first[*index as usize]);
+            sides.extend((0..2 * instance.crease.count()).map(|side| Some(SideId(first? + side))));
+        }
+        sides
+    }
+
+    /// Memory.
+    pub fn bytes(&self) -> usize {
+        let extents = self.instances.iter().flat_map(|instance| &instance.surfaces);
+        let triangles: usize = extents
+            .map(|extent| {
+                4 * extent.singles.len()
+                    // kiddo keeps a position and a number for each.
+                    + extent.tree.as_ref().map_or(0, |m| (16 + size_of::<TriangleFacts>()) * m.facts.len())
+            })
+            .sum();
+        triangles + self.instances.iter().map(|instance| instance.crease.bytes()).sum::<usize>()
+    }
+}
+
+impl InstanceSurfaces {
+    fn of(instance: &Arc<Instance>, angle_rad: f32, before: &Surfaces) -> InstanceSurfaces {
+        let crease = InstanceSurfaces::crease_of(instance, angle_rad, before);
+        let mut triangles = vec![Vec::new(); crease.count() as usize];
+        for triangle in 0..instance.mesh().triangles().len() as u32 {
+            triangles[crease.surface_of(triangle) as usize].push(triangle);
+        }
+        let surfaces = triangles.into_iter().map(|triangles| Extent::of(instance, triangles)).collect();
+        InstanceSurfaces { instance: instance.clone(), crease, surfaces }
+    }
+
+    /// Angles stay where a transform turns, moves and scales evenly: the surfaces of a mesh that was seen like that before
+    /// are taken over.
+    fn crease_of(instance: &Instance, angle_rad: f32, before: &Surfaces) -> Arc<CreaseSurfaces> {
+        let mesh_to_render = linear_of(instance);
+        let known = before.instances.iter().find(|known| {
+            Arc::ptr_eq(known.instance.mesh(), instance.mesh())
+                && before.angle_rad == angle_rad
+                && (linear_of(&known.instance) == mesh_to_render
+                    || (keeps_angles(linear_of(&known.instance)) && keeps_angles(mesh_to_render)))
+        });
+        known.map_or_else(
+            || {
+                let mesh: &Mesh = instance.mesh();
+                // Even scaling is left out, so that what follows does not depend on which instance came first.
+                let linear = if keeps_angles(mesh_to_render) { Mat3::IDENTITY } else { mesh_to_render };
+                Arc::new(CreaseSurfaces::split(mesh.positions(), mesh.triangles(), linear, angle_rad))
+            },
+            |known| known.crease.clone(),
+        )
+    }
+
+    fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        corners(&self.instance, triangle)
+    }
+
+    fn area_in_sphere(&self, surface: u32, bounds: &GatherBounds, (radius_m, facing_cos): (f32, f32)) -> f32 {
+        let extent = &self.surfaces[surface as usize];
+        let faces = |facts: &TriangleFacts| facts.normal.dot(bounds.normal) >= facing_cos;
+        let exact = |triangle: u32| patch::area_in_sphere(self.corners(triangle), bounds.centre, radius_m);
+        let single = |triangle: &u32| {
+            let (_, facts) = TriangleFacts::of(&self.instance, *triangle);
+            if faces(&facts) { exact(*triangle) } else { 0.0 }
+        };
+        let mut sum: f32 = extent.singles.iter().map(single).sum();
+        if let Some(middles) = &extent.tree {
+            let centre = bounds.centre.to_array();
+            let farthest_m = radius_m + middles.reach_m;
+            let within = middles.tree.query(&centre).within::<SquaredEuclidean<f32>>(farthest_m * farthest_m);
+            let near = within.unsorted().execute();
+            let area = |near: &QueryResultItem<(), u32, f32>| {
+                let facts = &middles.facts[near.item as usize];
+                let distance_m = near.distance.sqrt();
+                if !faces(facts) || distance_m >= radius_m + facts.reach_m {
+                    0.0
+                } else if distance_m + facts.reach_m <= radius_m {
+                    facts.area_m2
+                } else {
+                    exact(facts.triangle)
+                }
+            };
+            sum += near.iter().map(area).sum::<f32>();
+        }
+        sum
+    }
+}
+
+fn linear_of(instance: &Instance) -> Mat3 {
+    Mat3::from_cols(
+        instance.vector_to_render(Vec3::X),
+        instance.vector_to_render(Vec3::Y),
+        instance.vector_to_render(Vec3::Z),
+    )
+}
+
+/// Columns at right angles and of one length.
+fn keeps_angles(linear: Mat3) -> bool {
+    let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let size = x.length_squared();
+    let close = |value: f32, target: f32| (value - target).abs() <= 1e-5 * size;
+    close(y.length_squared(), size)
+        && close(z.length_squared(), size)
+        && close(x.dot(y), 0.0)
+        && close(y.dot(z), 0.0)
+        && close(z.dot(x), 0.0)
+}
+
+fn corners(instance: &Instance, triangle: u32) -> [Vec3; 3] {
+    instance.mesh().triangles()[triangle as usize].map(|vertex| instance.vertex_in_render(vertex))
+}
+
+impl Extent {
+    fn of(instance: &Instance, triangles: Vec<u32>) -> Extent {
+        let facts: Vec<(Vec3, TriangleFacts)> =
+            triangles.iter().map(|triangle| TriangleFacts::of(instance, *triangle)).collect();
+        let area_m2 = facts.iter().map(|(_, facts)| facts.area_m2).sum();
+        let alone = Extent { singles: triangles, tree: None, area_m2 };
+        if alone.singles.len() <= FEW {
+            return alone;
+        }
+        let mut reaches: Vec<f32> = facts.iter().map(|(_, facts)| facts.reach_m).collect();
+        let half = reaches.len() / 2;
+        let (_, median, _) = reaches.select_nth_unstable_by(half, f32::total_cmp);
+        let large = *median * LARGE;
+        let (singles, rest): (Vec<_>, Vec<_>) =
+            facts.into_iter().partition(|(_, facts)| facts.reach_m > large);
+        let middles: Vec<[f32; 3]> = rest.iter().map(|(middle, _)| middle.to_array()).collect();
+        let facts: Vec<TriangleFacts> = rest.into_iter().map(|(_, facts)| facts).collect();
+        let reach_m = facts.iter().map(|facts| facts.reach_m).fold(0.0, f32::max);
+        // Only more items than u32 can count are refused; scenes hold fewer triangles.
+        let Some(tree) = tree_over(&middles) else { return alone };
+        Extent {
+            singles: singles.into_iter().map(|(_, facts)| facts.triangle).collect(),
+            tree: Some(Middles { tree, facts, reach_m }),
+            area_m2,
+        }
+    }
+}
+
+/// The k-d tree over some photons' positions; `None` for none.
+pub(super) fn tree_over(positions: &[[f32; 3]]) -> Option<ImmutableKdTree<f32, 3>> {
+    NonZeroUsize::new(positions.len()).and_then(|_| ImmutableKdTree::new_from_slice(positions).ok())
+}

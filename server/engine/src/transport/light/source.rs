@@ -1,0 +1,365 @@
+//! Lights as photons leave them: how much each sends out, and where the photon of given numbers starts.
+
+use std::{f32::consts::PI, f64, sync::Arc};
+
+use glam::{Vec2, Vec3};
+
+use super::{LocalLight, spot_falloff};
+use crate::{
+    accel::{Hit, Instance, Ray, SurfacePoint, TriangleId},
+    math::{Frame, Rgb, warp},
+    scene::{Aabb, Id, LightKind, Material, Texture, TextureSlot},
+    transport::World,
+};
+
+/// Who a source is, whatever it sends out: edits are told apart by it.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum SourceName {
+    /// A punctual light of the scene.
+    Punctual(Id),
+    /// The emissive primitive with this index of the mesh that this node shows.
+    Surface(Id, u32),
+    /// What surrounds the scene.
+    Environment,
+}
+
+/// A light as photons leave it.
+#[derive(Clone, Debug)]
+pub struct Source {
+    name: SourceName,
+    kind: SourceKind,
+    power_w: f64,
+}
+
+#[derive(Clone, Debug)]
+enum SourceKind {
+    Point { position: Vec3, intensity: Rgb },
+    Spot { position: Vec3, axis: Vec3, intensity: Rgb, cos_inner: f32, cos_outer: f32 },
+    Directional { direction: Vec3, irradiance: Rgb, target: Target },
+    Surface(Arc<EmissiveSurface>),
+    Environment { identity: EnvironmentIdentity, target: Target },
+}
+
+/// What must be the same for the environment to send out the same.
+#[derive(Clone, Debug)]
+struct EnvironmentIdentity {
+    description: crate::scene::Environment,
+    texture: Option<Arc<Texture>>,
+}
+
+/// The box that light from infinitely far is aimed at, in render space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Target {
+    middle: Vec3,
+    half: Vec3,
+}
+
+/// Triangles that emit together.
+#[derive(Debug)]
+struct EmissiveSurface {
+    instance: Arc<Instance>,
+    instance_index: u32,
+    first_triangle: u32,
+    /// Running sums of the triangles' areas, m².
+    areas: Vec<f64>,
+    material: Arc<Material>,
+    /// Those that decide where and how much it emits: base colour (for its mask) and emission.
+    textures: [Option<Arc<Texture>>; 2],
+    two_sided: bool,
+}
+
+/// The numbers in [0, 1) that a photon starts from.
+#[derive(Clone, Copy, Debug)]
+pub struct EmissionNumbers {
+    /// Where it goes.
+    pub direction: [f32; 2],
+    /// Where on its light it starts.
+    pub position: [f32; 2],
+    /// Which side of a two-sided light.
+    pub side: f32,
+}
+
+/// A photon on its way from the light.
+#[derive(Clone, Copy, Debug)]
+pub struct EmittedPhoton {
+    /// Its first ray.
+    pub ray: Ray,
+    /// Its flux in shares of the source's power divided by the number of photons: of luminance about 1.
+    pub weight: Rgb,
+}
+
+impl Source {
+    /// Who it is.
+    pub fn name(&self) -> &SourceName {
+        &self.name
+    }
+
+    /// Luminance of the flux it sends out, W, above zero. Steers how many photons it gets; weights make up for what it
+    /// is off by where textures are averaged.
+    pub fn power_w(&self) -> f64 {
+        self.power_w
+    }
+
+    /// True when both send out the very same photons for the same numbers.
+    pub fn emits_like(&self, other: &Source) -> bool {
+        use SourceKind::*;
+        let same_texture = |a: &Option<Arc<Texture>>, b: &Option<Arc<Texture>>| match (a, b) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (None, None) => true,
+            _ => false,
+        };
+        self.power_w == other.power_w
+            && match (&self.kind, &other.kind) {
+                (Point { position, intensity }, Point { position: p, intensity: i }) => {
+                    (position, intensity) == (p, i)
+                }
+                (
+                    Spot { position, axis, intensity, cos_inner, cos_outer },
+                    Spot { position: p, axis: a, intensity: i, cos_inner: ci, cos_outer: co },
+                ) => (position, axis, intensity, cos_inner, cos_outer) == (p, a, i, ci, co),
+                (
+                    Directional { direction, irradiance, target },
+                    Directional { direction: d, irradiance: i, target: t },
+                ) => (direction, irradiance, target) == (d, i, t),
+                (Surface(a), Surface(b)) => {
+                    Arc::ptr_eq(&a.instance, &b.instance)
+                        && a.first_triangle == b.first_triangle
+                        && (Arc::ptr_eq(&a.material, &b.material) || a.material == b.material)
+                        && a.textures.iter().zip(&b.textures).all(|(a, b)| same_texture(a, b))
+                }
+                (Environment { identity: a, target: s }, Environment { identity: b, target: t }) => {
+                    s == t && a.description == b.description && same_texture(&a.texture, &b.texture)
+                }
+                _ => false,
+            }
+    }
+}
+
+impl World {
+    /// Every light that sends anything out, in the scene's order.
+    pub fn sources(&self) -> Vec<Source> {
+        let mut sources = self.surface_sources();
+        let target = Target::of(self);
+        let scene = self.scene();
+        for (id, light) in scene.lights() {
+            let world_from_parent = scene.world_from_node(light.parent.as_ref());
+            let position = self.accel().to_render(world_from_parent.transform_point3(light.position));
+            let axis = world_from_parent
+                .transform_vector3(light.direction)
+                .normalize_or(glam::DVec3::NEG_Z)
+                .as_vec3();
+            let (kind, power_w) = match light.kind {
+                LightKind::Point { intensity } => {
+                    (SourceKind::Point { position, intensity }, 4.0 * f64::consts::PI * luminance(intensity))
+                }
+                LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad } => {
+                    let (cos_inner, cos_outer) = (inner_angle_rad.cos(), outer_angle_rad.cos());
+                    let solid_angle_sr = f64::consts::PI * f64::from(2.0 - cos_inner - cos_outer);
+                    let kind = SourceKind::Spot { position, axis, intensity, cos_inner, cos_outer };
+                    (kind, solid_angle_sr * luminance(intensity))
+                }
+                LightKind::Directional { irradiance } => {
+                    let Some(target) = target else { continue };
+                    let power_w = luminance(irradiance) * f64::from(target.across(axis).area_m2());
+                    (SourceKind::Directional { direction: axis, irradiance, target }, power_w)
+                }
+            };
+            sources.push(Source { name: SourceName::Punctual(id.clone()), kind, power_w });
+        }
+        sources.extend(target.and_then(|target| self.environment_source(target)));
+        sources.retain(|source| source.power_w > 0.0 && source.power_w.is_finite());
+        sources
+    }
+
+    fn surface_sources(&self) -> Vec<Source> {
+        let lights = self.lights();
+        let mut sources = Vec::new();
+        for (index, (instance, runs)) in self.accel().instances().iter().zip(&lights.runs).enumerate() {
+            for run in runs {
+                let Some(primitive_index) = instance
+                    .mesh()
+                    .primitives()
+                    .iter()
+                    .position(|primitive| primitive.first_triangle == run.first_triangle)
+                else {
+                    continue;
+                };
+                let mut sum = 0.0;
+                let first = run.first_light as usize;
+                let areas: Vec<f64> = lights.local[first..first + run.triangle_count as usize]
+                    .iter()
+                    .map(|light| {
+                        if let LocalLight::Triangle { area_m2, .. } = light {
+                            sum += f64::from(*area_m2);
+                        }
+                        sum
+                    })
+                    .collect();
+                let prepared = self.material_of(&Hit {
+                    t: 0.0,
+                    instance: index as u32,
+                    triangle: run.first_triangle,
+                    b1: 0.0,
+                    b2: 0.0,
+                });
+                let two_sided = prepared.material().double_sided;
+                let sides = if two_sided { 2.0 } else { 1.0 };
+                let power_w = f64::from(prepared.emission_luminance()) * sum * f64::consts::PI * sides;
+                let texture = |slot: TextureSlot| prepared.texture(slot).cloned();
+                let surface = EmissiveSurface {
+                    instance: instance.clone(),
+                    instance_index: index as u32,
+                    first_triangle: run.first_triangle,
+                    areas,
+                    material: prepared.shared_material().clone(),
+                    textures: [texture(TextureSlot::BaseColor), texture(TextureSlot::Emission)],
+                    two_sided,
+                };
+                let name = SourceName::Surface(instance.node_id().clone(), primitive_index as u32);
+                sources.push(Source { name, kind: SourceKind::Surface(Arc::new(surface)), power_w });
+            }
+        }
+        sources
+    }
+
+    fn environment_source(&self, target: Target) -> Option<Source> {
+        let environment = self.lights().environment()?;
+        // Mean over evenly spread directions of radiance × the target's size across: good to some percent, and what it is
+        // off by is in the weights.
+        const POINTS: u32 = 256;
+        let mut sum = 0.0;
+        for i in 0..POINTS {
+            let u = [(i as f32 + 0.5) / POINTS as f32, (i as f32 * 0.618_034).fract()];
+            let Some((wi, pdf)) = environment.sample(Vec3::ZERO, u) else { continue };
+            sum += luminance(environment.radiance(wi)) * f64::from(target.across(-wi).area_m2() / pdf);
+        }
+        let description = self.scene().environment().clone();
+        let texture = match &description {
+            crate::scene::Environment::Image { texture, .. } => self.scene().textures().get(texture).cloned(),
+            _ => None,
+        };
+        let kind = SourceKind::Environment { identity: EnvironmentIdentity { description, texture }, target };
+        Some(Source { name: SourceName::Environment, kind, power_w: sum / f64::from(POINTS) })
+    }
+
+    /// The photon of `source` for these numbers; `None` when they ask for light that is not there (beyond a spot's cone,
+    /// where a mask cuts the lamp away).
+    pub fn emit(&self, source: &Source, numbers: &EmissionNumbers) -> Option<EmittedPhoton> {
+        // Flux of this sample over the flux that the source's power would give it.
+        let weighed = |radiometric: Rgb, factor: f32| {
+            let scale = (f64::from(factor) / source.power_w) as f32;
+            let weight = radiometric * scale;
+            (weight.is_finite() && weight.luminance() > 0.0).then_some(weight)
+        };
+        match &source.kind {
+            SourceKind::Point { position, intensity } => {
+                let ray = Ray::new(*position, warp::sphere(numbers.direction));
+                Some(EmittedPhoton { ray, weight: weighed(*intensity, 4.0 * PI)? })
+            }
+            SourceKind::Spot { position, axis, intensity, cos_inner, cos_outer } => {
+                // Evenly over the outer cone: cos θ = 1 − u (1 − cos_outer).
+                let [u, v] = numbers.direction;
+                let cos = 1.0 - u * (1.0 - cos_outer);
+                let sin = (1.0 - cos * cos).max(0.0).sqrt();
+                let (sin_phi, cos_phi) = (2.0 * PI * v).sin_cos();
+                let local = Vec3::new(sin * cos_phi, sin * sin_phi, cos);
+                let ray = Ray::new(*position, Frame::around(*axis).to_world(local));
+                let radiometric = *intensity * spot_falloff(cos, *cos_inner, *cos_outer);
+                Some(EmittedPhoton { ray, weight: weighed(radiometric, 2.0 * PI * (1.0 - cos_outer))? })
+            }
+            SourceKind::Directional { direction, irradiance, target } => {
+                let across = target.across(*direction);
+                let ray = Ray::new(across.start(numbers.position), *direction);
+                Some(EmittedPhoton { ray, weight: weighed(*irradiance, across.area_m2())? })
+            }
+            SourceKind::Environment { target, .. } => {
+                let environment = self.lights().environment()?;
+                let (wi, pdf) = environment.sample(Vec3::ZERO, numbers.direction)?;
+                let across = target.across(-wi);
+                let ray = Ray::new(across.start(numbers.position), -wi);
+                let weight = weighed(environment.radiance(wi), across.area_m2() / pdf)?;
+                Some(EmittedPhoton { ray, weight })
+            }
+            SourceKind::Surface(surface) => {
+                let (point, radiance, direction) = self.leave(surface, numbers)?;
+                let area_m2 = surface.areas.last().copied().unwrap_or(0.0) as f32;
+                let sides = if surface.two_sided { 2.0 } else { 1.0 };
+                // Radiance · cos / (1/area · cos/π · 1/sides): the cosine cancels.
+                let weight = weighed(radiance, PI * area_m2 * sides)?;
+                Some(EmittedPhoton { ray: point.ray_towards(direction), weight })
+            }
+        }
+    }
+
+    /// A point of an emissive surface, the radiance it sends out there and a cosine-distributed direction.
+    fn leave(
+        &self,
+        surface: &EmissiveSurface,
+        numbers: &EmissionNumbers,
+    ) -> Option<(SurfacePoint, Rgb, Vec3)> {
+        let total = *surface.areas.last()?;
+        let target = f64::from(numbers.position[0]) * total;
+        let index = surface.areas.partition_point(|sum| *sum <= target).min(surface.areas.len() - 1);
+        let below = if index == 0 { 0.0 } else { surface.areas[index - 1] };
+        let share = surface.areas[index] - below;
+        let rest = ((target - below) / share) as f32;
+        let [b1, b2] = warp::triangle([rest.clamp(0.0, 1.0), numbers.position[1]]);
+        let triangle = surface.first_triangle + index as u32;
+        let instance = surface.instance_index;
+        let hit = Hit { t: 0.0, instance, triangle, b1, b2 };
+        let placed = &self.accel().instances()[instance as usize];
+        let material = self.material_of(&hit);
+        if !material.is_present(placed, &hit) {
+            return None;
+        }
+        let point =
+            SurfacePoint { on: TriangleId { instance, triangle }, ..placed.surface_point(triangle, b1, b2) };
+        let from_front = !surface.two_sided || numbers.side < 0.5;
+        let n = if from_front { point.n_geo } else { -point.n_geo };
+        let direction = Frame::around(n).to_world(warp::cosine_hemisphere(numbers.direction));
+        Some((point, material.emitted(placed, &hit, from_front), direction))
+    }
+}
+
+fn luminance(rgb: Rgb) -> f64 {
+    f64::from(rgb.luminance())
+}
+
+/// What a box looks like from one direction: a rectangle that covers it.
+struct Across {
+    frame: Frame,
+    corner: Vec3,
+    size: Vec2,
+}
+
+impl Target {
+    fn of(world: &World) -> Option<Target> {
+        let bounds: Aabb = world.scene().bounds()?;
+        let [min, max] = [bounds.min, bounds.max].map(|corner| world.accel().to_render(corner));
+        // Room for the rounding of corners: photons may miss the scene by a hair, never the other way round.
+        let half = (max - min) * 0.5 * (1.0 + 1e-5) + min.abs().max(max.abs()) * 4.0 * f32::EPSILON;
+        Some(Target { middle: (min + max) * 0.5, half })
+    }
+
+    /// As seen by light that travels along `direction`.
+    fn across(&self, direction: Vec3) -> Across {
+        let frame = Frame::around(direction);
+        // Half the extent of the box along each axis of the frame.
+        let reach = |axis: Vec3| axis.abs().dot(self.half);
+        let half = Vec2::new(reach(frame.t), reach(frame.b));
+        // Before the box, also where the box is flat and seen face on.
+        let distance_m = 1.1 * reach(direction) + 0.1 * self.half.length();
+        let corner = self.middle - frame.t * half.x - frame.b * half.y - direction * distance_m;
+        Across { frame, corner, size: half * 2.0 }
+    }
+}
+
+impl Across {
+    fn area_m2(&self) -> f32 {
+        self.size.x * self.size.y
+    }
+
+    fn start(&self, u: [f32; 2]) -> Vec3 {
+        self.corner + self.frame.t * (u[0] * self.size.x) + self.frame.b * (u[1] * self.size.y)
+    }
+}

@@ -1,0 +1,201 @@
+//! A report as one HTML page that needs nothing beside itself.
+
+use super::{
+    Report, ReportError,
+    plot::{Axis, Curve, Plot},
+    table::{Cell, Measured, Row, Table},
+};
+
+const STYLE: &str = "\
+body{font:15px/1.5 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}\
+h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.5rem}.wide{overflow-x:auto}\
+table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
+th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}th{vertical-align:bottom}\
+.given{text-align:left;white-space:nowrap}.paper{color:#777}figure{margin:1.5rem 0}svg{max-width:100%;height:auto}";
+
+/// What a plot of a table shows.
+struct Picture {
+    table: &'static str,
+    title: &'static str,
+    x: (&'static str, &'static str, Axis),
+    y: (&'static str, &'static str),
+    /// The paper's column on the same axis.
+    paper: Option<&'static str>,
+    /// The column whose values are curves; `None`: one curve.
+    curves: Option<&'static str>,
+}
+
+const PICTURES: [Picture; 10] = [
+    picture(
+        "figure-13",
+        "Preprocessing by depth",
+        ("depth", "depth"),
+        ("seconds", "s"),
+        Some("paper_seconds"),
+    )
+    .by("scene"),
+    picture("figure-13", "Error by depth", ("depth", "depth"), ("error_percent", "√relMSE, %"), None)
+        .by("scene"),
+    picture(
+        "figure-14",
+        "Preprocessing by neighbours",
+        ("neighbours", "k"),
+        ("seconds", "s"),
+        Some("paper_seconds"),
+    )
+    .by("photons_asked")
+    .logarithmic(),
+    picture("figure-14", "Error by neighbours", ("neighbours", "k"), ("error_percent", "√relMSE, %"), None)
+        .by("photons_asked")
+        .logarithmic(),
+    picture(
+        "figure-17",
+        "Preprocessing by clusters",
+        ("vdls", "VDLs"),
+        ("seconds", "s"),
+        Some("paper_seconds"),
+    ),
+    picture(
+        "figure-17",
+        "Spread by clusters",
+        ("vdls", "VDLs"),
+        ("spread_deg", "degrees"),
+        Some("paper_spread_deg"),
+    ),
+    picture("figure-17", "Error by clusters", ("vdls", "VDLs"), ("error_percent", "√relMSE, %"), None),
+    picture(
+        "table-8.1",
+        "500 nearest of a million photons",
+        ("maps", "maps"),
+        ("look_up_us", "µs"),
+        Some("paper_look_up_us"),
+    )
+    .logarithmic(),
+    picture(
+        "table-8.1",
+        "Building trees over a million photons",
+        ("maps", "maps"),
+        ("build_seconds", "s"),
+        Some("paper_build_seconds"),
+    )
+    .logarithmic(),
+    picture(
+        "table-14.1",
+        "Building small trees",
+        ("photons", "photons"),
+        ("build_ms", "ms"),
+        Some("paper_build_ms"),
+    )
+    .logarithmic(),
+];
+
+const fn picture(
+    table: &'static str,
+    title: &'static str,
+    x: (&'static str, &'static str),
+    y: (&'static str, &'static str),
+    paper: Option<&'static str>,
+) -> Picture {
+    Picture { table, title, x: (x.0, x.1, Axis::Linear), y, paper, curves: None }
+}
+
+impl Picture {
+    const fn by(self, curves: &'static str) -> Picture {
+        Picture { curves: Some(curves), ..self }
+    }
+
+    const fn logarithmic(self) -> Picture {
+        Picture { x: (self.x.0, self.x.1, Axis::Logarithmic), ..self }
+    }
+
+    fn plot(&self, table: &Table) -> Plot {
+        let mut curves: Vec<Curve> = Vec::new();
+        let mut names: Vec<String> = Vec::new();
+        for row in &table.rows {
+            let name = self.curves.map_or("Lumicast".into(), |key| table.cell(row, key).shown());
+            // Ours and the paper's of one name share their colour.
+            let colour = names.iter().position(|known| *known == name).unwrap_or(names.len());
+            let curve =
+                |name: &str, by_paper| Curve { name: name.into(), points: Vec::new(), by_paper, colour };
+            self.add(&mut curves, table, row, self.y.0, curve(&name, false));
+            if let Some(paper) = self.paper {
+                self.add(&mut curves, table, row, paper, curve(&format!("{name}, paper"), true));
+            }
+            if colour == names.len() {
+                names.push(name);
+            }
+        }
+        let (_, x, x_axis) = self.x;
+        Plot { title: self.title.into(), x, y: self.y.1, x_axis, curves }
+    }
+
+    /// Adds the point of a row to its curve, which is `curve` if there is none of its name yet.
+    fn add(&self, curves: &mut Vec<Curve>, table: &Table, row: &Row, key: &str, mut curve: Curve) {
+        let value = |key: &str| table.cell(row, key).value();
+        // Logarithms want numbers above zero.
+        let Some(point) = value(self.x.0).zip(value(key)).filter(|(_, y)| *y > 0.0) else { return };
+        match curves.iter_mut().find(|known| known.name == curve.name) {
+            Some(known) => known.points.push(point),
+            None => {
+                curve.points.push(point);
+                curves.push(curve);
+            }
+        }
+    }
+}
+
+/// The page.
+pub(super) fn html(report: &Report) -> Result<String, ReportError> {
+    let mut body = format!(
+        "<h1>{}</h1>\n<p>Lumicast {} on {}.</p>\n<p class=\"paper\">{}</p>\n",
+        escaped(report.title),
+        report.version,
+        escaped(&report.machine.to_string()),
+        escaped(report.paper_source)
+    );
+    for table in &report.tables {
+        body += &html_table(table);
+        for picture in PICTURES.iter().filter(|picture| picture.table == table.id) {
+            let plot = picture.plot(table);
+            if let Some(svg) = plot.svg()? {
+                body += &format!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", plot.legend());
+            }
+        }
+    }
+    let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>\n", escaped(note))).collect();
+    Ok(format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{}</title><style>{STYLE}</style></head>\n\
+         <body>\n{body}<h2>Notes</h2>\n<ul>\n{notes}</ul>\n</body></html>\n",
+        escaped(report.title)
+    ))
+}
+
+fn html_table(table: &Table) -> String {
+    let class = |by: Measured| match by {
+        Measured::Given => "given",
+        Measured::Here => "here",
+        Measured::Paper => "paper",
+    };
+    let heads = table
+        .columns
+        .iter()
+        .map(|column| format!("<th class=\"{}\">{}</th>", class(column.by), escaped(&column.heading())));
+    let rows = table.rows.iter().map(|row| {
+        let cells = table.columns.iter().map(|column| {
+            let cell: &Cell = table.cell(row, column.key);
+            format!("<td class=\"{}\">{}</td>", class(column.by), escaped(&column.shown(cell)))
+        });
+        format!("<tr>{}</tr>\n", cells.collect::<String>())
+    });
+    format!(
+        "<h2>{}</h2>\n<p>{}</p>\n<div class=\"wide\"><table><thead><tr>{}</tr></thead><tbody>\n{}</tbody></table></div>\n",
+        escaped(table.title),
+        escaped(&table.about),
+        heads.collect::<String>(),
+        rows.collect::<String>()
+    )
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,211 @@
+//! Reports: what accuracy costs in time on this machine, beside what the papers measured on theirs.
+//!
+//! A report is a list of tables (`table.rs`). A notebook (`notebook.rs`) fills them row by row and keeps every row on disk at once, so
+//! that a run that was stopped goes on where it was. `octree.rs` measures figures 13, 14 and 17 of Vivanloc 2007 (light octree),
+//! `maps.rs` and `crease.rs` tables 8.1, 8.2 and 14.1 of Larsen 2004; `subject.rs` finds scenes and references,
+//! `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
+//! `csv.rs` write. Imports the engine and the command line's way to name scenes.
+
+mod accuracy;
+mod crease;
+mod csv;
+mod html;
+mod light;
+mod machine;
+mod maps;
+mod notebook;
+mod octree;
+mod plot;
+mod subject;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use crate::{
+    cli::{error::CliError, scene_source::SceneSource},
+    images::FileError,
+};
+use notebook::Notebook;
+pub use notebook::Report;
+use subject::Subject;
+
+/// A paper whose figures are measured again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Paper {
+    /// Vivanloc 2007, light octree: figures 13, 14, 17
+    Octree,
+    /// Larsen 2004, many photon maps: tables 8.1, 8.2, 14.1
+    LarsenMaps,
+}
+
+impl Paper {
+    /// Title of its report.
+    fn title(self) -> &'static str {
+        match self {
+            Paper::Octree => "The light octree beside its paper",
+            Paper::LarsenMaps => "Many photon maps beside their paper",
+        }
+    }
+
+    /// The paper, and what its figures were measured on, as far as it says.
+    fn source(self) -> &'static str {
+        match self {
+            Paper::Octree => {
+                "Vivanloc, Hoelt, Binh, Paulin: Light octree: global illumination fast reconstruction and realtime \
+                 navigation, WSCG 2007. Its seconds are of 4 threads on 2 GHz Opterons, its frames per second of a GPU \
+                 of 2006; it gives no error against a reference."
+            }
+            Paper::LarsenMaps => {
+                "B. D. Larsen: Real-time Global Illumination by Simulating Photon Mapping, thesis, DTU 2004. Its times \
+                 are of one thread on a Pentium 4 portable of 1.7 GHz with 512 KiB of second-level cache; it gives no \
+                 error against a reference."
+            }
+        }
+    }
+}
+
+/// What to measure and where to put it.
+#[derive(Clone, Debug)]
+pub struct ReportJob {
+    /// The paper.
+    pub paper: Paper,
+    /// Scenes instead of the paper's.
+    pub scenes: Vec<SceneSource>,
+    /// Folder of the paper's scenes, `NAME.glb`.
+    pub scenes_folder: PathBuf,
+    /// Folder of references, `NAME-CAMERA.exr` and `NAME-CAMERA-direct.exr`.
+    pub references_folder: PathBuf,
+    /// Folder of the report; made when there is none.
+    pub out: PathBuf,
+}
+
+/// How much is measured. Command lines get [`Effort::FULL`]; tests get by with less.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+struct Effort {
+    /// Photons relative to the paper's.
+    photon_share: f64,
+    /// Octrees are so many levels flatter.
+    levels_less: u32,
+    /// Samples per pixel of pictures drawn with an octree. At 32 what is left of the noise at edges is well below 1 %.
+    passes: u32,
+    /// Samples per pixel of pictures drawn with photon maps, whose look-ups take a hundred times longer.
+    map_passes: u32,
+    /// Times that trees are built for a median.
+    repeats: usize,
+    /// Times that an octree is built; the fastest counts.
+    octree_builds: usize,
+}
+
+impl Effort {
+    const FULL: Effort =
+        Effort { photon_share: 1.0, levels_less: 0, passes: 32, map_passes: 4, repeats: 5, octree_builds: 3 };
+
+    /// The share of a number of photons.
+    fn photons(&self, count: u32) -> u32 {
+        ((f64::from(count) * self.photon_share).round() as u32).max(1)
+    }
+}
+
+/// Why a report could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A scene that cannot be used.
+    #[error("scene {name}: {source}")]
+    Scene {
+        /// Its name in the report.
+        name: String,
+        /// Why not.
+        #[source]
+        source: Box<CliError>,
+    },
+    /// A scene in which there is nothing to measure.
+    #[error("scene {name}: it has no {missing}, so there is nothing to measure")]
+    Empty {
+        /// Its name in the report.
+        name: String,
+        /// What it lacks.
+        missing: &'static str,
+    },
+    /// None of the scenes that a table needs is there.
+    #[error(
+        "none of the paper's scenes is there: name one on the command line, or give --scenes the folder of {wanted}"
+    )]
+    NoScene {
+        /// Names of the files.
+        wanted: String,
+    },
+    /// A reference that cannot be read.
+    #[error("reference {}: {reason}", path.display())]
+    Reference {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+    /// A folder that could not be made.
+    #[error("making the folder {}: {source}", path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A part of the report that could not be written as text.
+    #[error("writing {what}: {reason}")]
+    Text {
+        /// Which part.
+        what: &'static str,
+        /// Why not.
+        reason: String,
+    },
+    /// A file that could not be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+/// Measures what `job` asks for on the rayon pool it is called in; writes `report.json` after every row, and
+/// `report.html` and `report.csv` at the end.
+///
+/// Rows that `report.json` of the same version, machine and settings has are taken over.
+pub fn measure(job: &ReportJob) -> Result<Report, ReportError> {
+    measure_with(job, Effort::FULL)
+}
+
+fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> {
+    std::fs::create_dir_all(&job.out)
+        .map_err(|source| ReportError::Folder { path: job.out.clone(), source })?;
+    let (subjects, left_out) = match job.paper {
+        Paper::Octree => subject::find(job, &octree::SCENES, None),
+        Paper::LarsenMaps => subject::find(job, &crease::SCENES, Some(SceneSource::CornellBox)),
+    };
+    let settings = Settings { effort, subjects: &subjects };
+    let mut notebook = Notebook::open(job, &settings)?;
+    for missing in left_out {
+        notebook.note(missing);
+    }
+    if let Some(busy) = machine::busy() {
+        notebook.note(busy);
+    }
+    match job.paper {
+        Paper::Octree => octree::measure(&mut notebook, &subjects, effort)?,
+        Paper::LarsenMaps => {
+            maps::measure_many(&mut notebook, effort)?;
+            crease::measure(&mut notebook, &subjects, effort)?;
+            maps::measure_small(&mut notebook, effort)?;
+        }
+    }
+    notebook.finish()
+}
+
+/// What figures depend on beside version and machine: rows of other settings are not taken over.
+#[derive(Debug, Serialize)]
+struct Settings<'a> {
+    effort: Effort,
+    subjects: &'a [Subject],
+}

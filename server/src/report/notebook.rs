@@ -1,0 +1,177 @@
+//! A report in the making: rows are kept on disk as they come, and those of an earlier run are taken over.
+
+use std::{collections::HashMap, path::Path, path::PathBuf, time::Instant};
+
+use serde::Serialize;
+use serde_json::Value;
+
+use super::{
+    Paper, ReportError, ReportJob, Settings, csv, html,
+    machine::Machine,
+    table::{Cells, Row, Table},
+};
+use crate::images::write_file;
+
+/// A report: tables with what they were measured on and how.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Ours.
+    pub version: &'static str,
+    /// The paper.
+    pub paper: Paper,
+    /// Title for people.
+    pub title: &'static str,
+    /// The paper and its machine.
+    pub paper_source: &'static str,
+    /// What our figures were measured on.
+    pub machine: Machine,
+    /// What they depend on beside.
+    pub settings: Value,
+    /// What a reader must know: how errors are defined, what was left out and why.
+    pub notes: Vec<String>,
+    /// The tables.
+    pub tables: Vec<Table>,
+}
+
+impl Report {
+    /// As Markdown.
+    pub fn markdown(&self) -> String {
+        let mut text = format!(
+            "# {}\n\nLumicast {} on {}.\n\n{}\n\n",
+            self.title, self.version, self.machine, self.paper_source
+        );
+        for table in &self.tables {
+            text += &table.markdown();
+            text.push('\n');
+        }
+        for note in &self.notes {
+            text += &format!("- {note}\n");
+        }
+        text
+    }
+
+    fn json(&self) -> Result<Vec<u8>, ReportError> {
+        let mut json = serde_json::to_vec_pretty(self).map_err(not_json)?;
+        json.push(b'\n');
+        Ok(json)
+    }
+}
+
+fn not_json(error: serde_json::Error) -> ReportError {
+    ReportError::Text { what: "report.json", reason: error.to_string() }
+}
+
+/// A report and the folder it goes to.
+#[derive(Debug)]
+pub(super) struct Notebook {
+    report: Report,
+    out: PathBuf,
+    /// Rows of an earlier run, by table and key.
+    earlier: HashMap<(String, String), Row>,
+    taken_over: usize,
+}
+
+impl Notebook {
+    /// An empty report of `settings`; says on standard error what is taken over from an earlier run.
+    pub(super) fn open(job: &ReportJob, settings: &Settings<'_>) -> Result<Notebook, ReportError> {
+        let report = Report {
+            version: env!("CARGO_PKG_VERSION"),
+            paper: job.paper,
+            title: job.paper.title(),
+            paper_source: job.paper.source(),
+            machine: Machine::this(),
+            settings: serde_json::to_value(settings).map_err(not_json)?,
+            notes: Vec::new(),
+            tables: Vec::new(),
+        };
+        let path = job.out.join("report.json");
+        let earlier = rows_of(&path, &report).unwrap_or_default();
+        if !earlier.is_empty() {
+            eprintln!(
+                "{}: {} rows of the same version and settings are taken over; delete it to measure them again",
+                path.display(),
+                earlier.len()
+            );
+        }
+        Ok(Notebook { report, out: job.out.clone(), earlier, taken_over: 0 })
+    }
+
+    /// Adds what a reader must know, once.
+    pub(super) fn note(&mut self, note: impl Into<String>) {
+        let note = note.into();
+        if !self.report.notes.contains(&note) {
+            self.report.notes.push(note);
+        }
+    }
+
+    /// Opens the next table; rows go to it from now on.
+    pub(super) fn begin(&mut self, table: Table) {
+        eprintln!("{}", table.title);
+        self.report.tables.push(table);
+    }
+
+    /// Adds a row to the newest table, from an earlier run or by measuring it, and keeps it.
+    pub(super) fn row(
+        &mut self,
+        key: &str,
+        measure: impl FnOnce() -> Result<Cells, ReportError>,
+    ) -> Result<(), ReportError> {
+        let Some(table) = self.report.tables.last() else { return Ok(()) };
+        let start = Instant::now();
+        let (row, how) = match self.earlier.remove(&(table.id.to_string(), key.to_string())) {
+            Some(row) => {
+                self.taken_over += 1;
+                (row, "taken over".to_string())
+            }
+            None => {
+                let row = Row { key: key.into(), cells: measure()? };
+                (row, format!("{:.1} s", start.elapsed().as_secs_f64()))
+            }
+        };
+        eprintln!("  {key}: {how}");
+        if let Some(table) = self.report.tables.last_mut() {
+            table.rows.push(row);
+        }
+        self.save()
+    }
+
+    /// Writes what there is, so that a run that is stopped loses no row.
+    fn save(&self) -> Result<(), ReportError> {
+        Ok(write_file(&self.out.join("report.json"), &self.report.json()?)?)
+    }
+
+    /// Writes all files.
+    pub(super) fn finish(self) -> Result<Report, ReportError> {
+        self.save()?;
+        write_file(&self.out.join("report.csv"), csv::csv(&self.report).as_bytes())?;
+        write_file(&self.out.join("report.html"), html::html(&self.report)?.as_bytes())?;
+        eprintln!(
+            "report.html, report.csv and report.json are in {}; {} rows were taken over",
+            self.out.display(),
+            self.taken_over
+        );
+        Ok(self.report)
+    }
+}
+
+/// Rows of an earlier report that would be measured the same way again. What cannot be read is measured anew.
+fn rows_of(path: &Path, now: &Report) -> Option<HashMap<(String, String), Row>> {
+    let earlier: Value = serde_json::from_slice(&std::fs::read(path).ok()?).ok()?;
+    let same = |key: &str, value: Value| earlier.get(key) == Some(&value);
+    let is_same = same("version", now.version.into())
+        && same("paper", serde_json::to_value(now.paper).ok()?)
+        && same("machine", serde_json::to_value(&now.machine).ok()?)
+        && same("settings", now.settings.clone());
+    if !is_same {
+        return None;
+    }
+    let mut rows = HashMap::new();
+    for table in earlier.get("tables")?.as_array()? {
+        let id = table.get("id")?.as_str()?;
+        for row in table.get("rows")?.as_array()? {
+            let row: Row = serde_json::from_value(row.clone()).ok()?;
+            rows.insert((id.to_string(), row.key.clone()), row);
+        }
+    }
+    Some(rows)
+}

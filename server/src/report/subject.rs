@@ -1,0 +1,205 @@
+//! Scenes to measure, and the references that pictures of them are compared with.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use lumicast_engine::{
+    film::PictureSize,
+    math::Rgb,
+    scene::{CameraView, Scene},
+    transport::World,
+};
+use serde::Serialize;
+
+use super::{ReportError, ReportJob};
+use crate::cli::{
+    render::{default_size, find_camera},
+    scene_source::SceneSource,
+};
+
+/// A scene by name, not read yet.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Subject {
+    /// Name in the report.
+    pub(super) name: String,
+    /// Where it comes from.
+    #[serde(serialize_with = "as_text")]
+    source: SceneSource,
+    /// Size of its file: with another one, earlier rows say nothing.
+    bytes: u64,
+    /// Folder of references, and the size of those of this scene.
+    references: PathBuf,
+    reference_bytes: u64,
+}
+
+fn as_text<S: serde::Serializer>(source: &SceneSource, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(source)
+}
+
+/// A scene ready to be measured.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    /// With its trees and lights.
+    pub(super) world: Arc<World>,
+    /// Its first camera; all of it from the front where it has none.
+    pub(super) view: CameraView,
+    /// The reference's size, or that of a picture when none is asked for.
+    pub(super) size: PictureSize,
+    /// What pictures are compared with.
+    pub(super) reference: Option<Reference>,
+    /// It has only Lambertian surfaces: light of the octree is the reference less its direct light.
+    pub(super) is_diffuse: bool,
+}
+
+/// A picture by an independent renderer, `[h × w]`, W/(m² sr).
+#[derive(Debug)]
+pub(super) struct Reference {
+    /// All light.
+    pub(super) full: Vec<Rgb>,
+    /// Light seen directly and direct light at the first surface.
+    pub(super) direct: Vec<Rgb>,
+    /// √relMSE that the noise of both makes together; `None` where nobody has measured it.
+    pub(super) noise: Option<f64>,
+}
+
+/// The scenes of `job`, or those of `wanted` that are there, and a line for each that is not.
+///
+/// - `wanted`: names; `boxes` is built in where the folder lacks it
+/// - `instead`: taken when none is there
+pub(super) fn find(
+    job: &ReportJob,
+    wanted: &[&str],
+    instead: Option<SceneSource>,
+) -> (Vec<Subject>, Vec<String>) {
+    if !job.scenes.is_empty() {
+        let subjects = job.scenes.iter().map(|source| Subject::new(name_of(source), source.clone(), job));
+        return (subjects.collect(), Vec::new());
+    }
+    let mut left_out = Vec::new();
+    let mut subjects = Vec::new();
+    for name in wanted {
+        let path = job.scenes_folder.join(format!("{name}.glb"));
+        let source = match *name {
+            _ if path.is_file() => SceneSource::File(path),
+            "boxes" => SceneSource::Boxes,
+            _ => {
+                left_out.push(format!("{name} is left out: put it at {} to measure it", path.display()));
+                continue;
+            }
+        };
+        subjects.push(Subject::new((*name).into(), source, job));
+    }
+    if let Some(source) = instead.filter(|_| subjects.is_empty()) {
+        left_out.push(format!("{source} stands in for what was left out"));
+        subjects.push(Subject::new(name_of(&source), source, job));
+    }
+    (subjects, left_out)
+}
+
+fn name_of(source: &SceneSource) -> String {
+    match source {
+        SceneSource::File(path) => {
+            path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned())
+        }
+        SceneSource::CornellBox => "cornell-box".into(),
+        SceneSource::Boxes => "boxes".into(),
+    }
+}
+
+impl Subject {
+    fn new(name: String, source: SceneSource, job: &ReportJob) -> Subject {
+        let size_of = |path: &Path| std::fs::metadata(path).map_or(0, |facts| facts.len());
+        let bytes = match &source {
+            SceneSource::File(path) => size_of(path),
+            _ => 0,
+        };
+        let references = job.references_folder.clone();
+        let entries = std::fs::read_dir(&references).into_iter().flatten().flatten();
+        let start = format!("{name}-");
+        let own = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&start));
+        let reference_bytes = own.map(|entry| size_of(&entry.path())).sum();
+        Subject { name, source, bytes, references, reference_bytes }
+    }
+
+    /// Reads the scene and its reference.
+    pub(super) fn prepare(&self) -> Result<Prepared, ReportError> {
+        let broken = |source| ReportError::Scene { name: self.name.clone(), source: Box::new(source) };
+        let scene = self.source.load().map_err(broken)?.scene;
+        let camera = find_camera(&scene, None).map_err(broken)?;
+        let reference = match camera {
+            Some((camera, _)) => self.reference(camera)?,
+            None => None,
+        };
+        let view = camera.and_then(|(name, _)| scene.camera_view(Some(name)));
+        let (size, reference) = match reference {
+            Some((size, reference)) => (size, Some(reference)),
+            None => (default_size(camera.map(|(_, camera)| camera)), None),
+        };
+        Ok(Prepared {
+            view: view.unwrap_or_else(|| scene.default_view()),
+            size,
+            reference,
+            is_diffuse: is_diffuse(&scene),
+            world: Arc::new(World::prepare(scene)),
+        })
+    }
+
+    /// The pair of pictures of a camera; both or none.
+    fn reference(&self, camera: &str) -> Result<Option<(PictureSize, Reference)>, ReportError> {
+        let name = format!("{}-{camera}", self.name);
+        let [full, direct] =
+            [&name, &format!("{name}-direct")].map(|name| self.references.join(format!("{name}.exr")));
+        if !(full.is_file() && direct.is_file()) {
+            return Ok(None);
+        }
+        let (size, full) = read_exr(&full)?;
+        let (direct_size, direct_picture) = read_exr(&direct)?;
+        if direct_size != size {
+            let reason = "it is not of the size of the full picture beside it".into();
+            return Err(ReportError::Reference { path: direct, reason });
+        }
+        let noise = self.noise(&name).zip(self.noise(&format!("{name}-direct")));
+        let noise = noise.map(|(full, direct)| (full + direct).sqrt());
+        Ok(Some((size, Reference { full, direct: direct_picture, noise })))
+    }
+
+    /// relMSE of a picture's own noise, from `noise.json` beside it.
+    fn noise(&self, name: &str) -> Option<f64> {
+        let json = std::fs::read(self.references.join("noise.json")).ok()?;
+        let json: serde_json::Value = serde_json::from_slice(&json).ok()?;
+        json.get(name)?.get("noise_relMSE")?.as_f64()
+    }
+}
+
+/// Nothing but Lambertian surfaces: no mirror, no glass, no Fresnel lobe.
+fn is_diffuse(scene: &Scene) -> bool {
+    scene
+        .materials()
+        .values()
+        .all(|material| material.metallic == 0.0 && material.specular == 0.0 && material.transmission == 0.0)
+}
+
+fn read_exr(path: &Path) -> Result<(PictureSize, Vec<Rgb>), ReportError> {
+    use exr::prelude::{ReadChannels, ReadLayers, read};
+    let broken = |reason: String| ReportError::Reference { path: path.to_path_buf(), reason };
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgba_channels(
+            |resolution, _| (resolution.width(), vec![Rgb::BLACK; resolution.area()]),
+            |(width, pixels), position, (red, green, blue, _): (f32, f32, f32, f32)| {
+                pixels[position.y() * *width + position.x()] = [red, green, blue].into();
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_file(path)
+        .map_err(|error| broken(error.to_string()))?;
+    let resolution = image.layer_data.size;
+    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+    let size = PictureSize::new(side(resolution.width()), side(resolution.height()))
+        .map_err(|error| broken(error.to_string()))?;
+    Ok((size, image.layer_data.channel_data.pixels.1))
+}

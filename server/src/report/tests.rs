@@ -1,0 +1,104 @@
+//! Reports from end to end, on the built-in boxes and with little effort.
+
+use std::path::Path;
+
+use super::{Effort, Paper, Report, ReportJob, measure_with, table::Cell};
+use crate::cli::scene_source::SceneSource;
+
+const LITTLE: Effort =
+    Effort { photon_share: 0.004, levels_less: 2, passes: 1, map_passes: 1, repeats: 2, octree_builds: 1 };
+
+fn job(paper: Paper, out: &Path) -> ReportJob {
+    let missing = out.join("there is no such folder");
+    ReportJob {
+        paper,
+        scenes: vec![SceneSource::Boxes],
+        scenes_folder: missing.clone(),
+        references_folder: missing,
+        out: out.into(),
+    }
+}
+
+/// Files are there, hold every row, are valid, and ask for nothing from elsewhere.
+fn check_files(report: &Report, out: &Path) {
+    let read = |name: &str| std::fs::read_to_string(out.join(name)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&read("report.json")).unwrap();
+    assert!(json == serde_json::to_value(report).unwrap(), "report.json is not the report");
+    let csv = read("report.csv");
+    let figures: usize = report
+        .tables
+        .iter()
+        .flat_map(|table| &table.rows)
+        .map(|row| row.cells.values().filter(|cell| **cell != Cell::Empty).count())
+        .sum();
+    // Only figures that have a column are written, and every figure of the report has at most one.
+    assert!(csv.lines().count() > 10 && csv.lines().count() <= figures + 1, "{csv}");
+    assert!(csv.lines().all(|line| line.split(',').count() >= 6), "{csv}");
+    let html = read("report.html");
+    for reference in ["http", "src=", "href=", "url(", "@import", "<script", "<link"] {
+        assert!(!html.contains(reference), "{reference} in {html}");
+    }
+    assert!(html.contains("<svg") && html.matches("<table>").count() == report.tables.len());
+}
+
+/// Every figure is a finite number, none below zero but biases; what is measured by the clock is above zero.
+fn check_figures(report: &Report) {
+    for table in &report.tables {
+        assert!(!table.rows.is_empty(), "{}", table.id);
+        for (row, column) in table.rows.iter().flat_map(|row| table.columns.iter().map(move |c| (row, c))) {
+            let cell = table.cell(row, column.key);
+            if let Cell::Number(value) = cell {
+                assert!(value.is_finite() && *value >= 0.0, "{} {} {value}", row.key, column.key);
+            }
+            let is_timed = ["seconds", "build_ms", "look_up_us", "look_up_ms", "look_ups_per_second"];
+            if is_timed.contains(&column.key) {
+                assert!(cell.value().is_some_and(|value| value > 0.0), "{} {}", row.key, column.key);
+            }
+        }
+    }
+    let markdown = report.markdown();
+    assert!(report.tables.iter().all(|table| markdown.contains(table.title)), "{markdown}");
+}
+
+/// Measured once, the rows of a report are taken over by the next run of the same settings, and by no other.
+#[test]
+fn an_octree_report_is_whole_and_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = job(Paper::Octree, folder.path());
+    let report = measure_with(&job, LITTLE).unwrap();
+    check_files(&report, folder.path());
+    check_figures(&report);
+    let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
+    assert_eq!(rows, [3, 16, 6]);
+    assert!(report.notes.iter().any(|note| note.contains("boxes has no reference")));
+    // Times never repeat to the last digit: equal rows were not measured again.
+    let again = measure_with(&job, LITTLE).unwrap();
+    assert!(again.tables == report.tables, "rows were measured again");
+    let other = measure_with(&job, Effort { photon_share: 0.003, ..LITTLE }).unwrap();
+    assert!(other.tables != report.tables, "rows of other settings were taken over");
+}
+
+/// All three tables, on a scene without a reference.
+#[test]
+fn a_larsen_report_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = measure_with(&job(Paper::LarsenMaps, folder.path()), LITTLE).unwrap();
+    check_files(&report, folder.path());
+    check_figures(&report);
+    let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
+    assert_eq!(rows, [4, 3, 4]);
+}
+
+/// Missing scenes are named with the place they belong to, and the built-in ones stand in.
+#[test]
+fn missing_scenes_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = ReportJob { scenes: Vec::new(), ..job(Paper::Octree, folder.path()) };
+    let (subjects, left_out) = super::subject::find(&job, &super::octree::SCENES, None);
+    assert_eq!(subjects.len(), 1);
+    assert_eq!(left_out.len(), 3);
+    assert!(left_out.iter().any(|line| line.contains("bunny-room.glb")), "{left_out:?}");
+    let (subjects, left_out) =
+        super::subject::find(&job, &super::crease::SCENES, Some(SceneSource::CornellBox));
+    assert_eq!((subjects.len(), left_out.len()), (1, 2));
+}
