@@ -221,6 +221,7 @@ impl Building {
             let light = &octree.sets[first + place];
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && same_sides(old, new)
+                && (0..MAPPED.len()).all(|class| self.are_lit_as_before(class, octree, old, new))
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
                     reused.changed.is_within(class, sides, light.radius_m[class], new.centre)
@@ -232,6 +233,12 @@ impl Building {
             .enumerate()
             .all(is_kept)
             .then(|| (first..first + sets.len()).map(|set| octree.light_of_set(set)).collect())
+    }
+
+    /// Sides on which no photon falls anywhere do not count: the first one, or the last, matters wherever it is.
+    fn are_lit_as_before(&self, class: usize, octree: &LightOctree, old: &VoxelSet, new: &VoxelSet) -> bool {
+        let before = octree.voxels.sides_of(old).iter().map(|side| octree.photons.maps.is_lit(class, *side));
+        before.eq(self.voxels.sides_of(new).iter().map(|side| self.photons.maps.is_lit(class, *side)))
     }
 
     fn light_of_set(
