@@ -1,11 +1,13 @@
 //! The shared scenes: each is owned by an edit thread, which orders its edits and makes its revisions, and drawn by a
 //! render thread, which goes round its viewers. Neither is ever a tokio thread.
 //!
-//! `desk.rs` is the edit thread, `painter.rs` the render thread, `viewer.rs` what a session shares with it, `frames.rs`
-//! packs pictures, `ladder.rs` chooses their size, `request.rs` are single pictures for HTTP. [`Scene`] is the handle
+//! `desk.rs` is the edit thread, `painter.rs` the render thread with the film of every viewer (`viewer_film.rs`) and what
+//! is known of the light (`lighting.rs`), `viewer.rs` what a session shares with it, `frames.rs` packs pictures,
+//! `ladder.rs` chooses their size, `request.rs` are single pictures for HTTP. [`Scene`] is the handle
 //! that HTTP and WebSocket hold; [`Scenes`] is the list of all. An edit publishes a new [`Snapshot`]; who draws holds
 //! the snapshot he began with, so that nobody waits for anybody.
 
+mod alarm;
 mod desk;
 mod frames;
 mod history;
@@ -15,6 +17,7 @@ mod painter;
 mod registry;
 mod request;
 mod viewer;
+mod viewer_film;
 
 use crate::config::Config;
 use crate::convert;

@@ -5,140 +5,31 @@
 //! gives way to news, between tiles, and goes on where it stopped. While one viewer keeps moving, the others get slices
 //! of time in between. All films live here; a stalled viewer's is left alone.
 
-use super::frames::{self, Packer};
+use super::alarm::Alarm;
+use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::Lighting;
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
-use super::{Scene, Snapshot, Workshop, lock};
+use super::viewer_film::{
+    FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, film_bytes, next_offer_after,
+};
+use super::{Scene, Snapshot, lock};
 use crate::convert;
-use lumicast_engine::film::{Film, MeasuredError, PictureSize};
+use lumicast_engine::film::PictureSize;
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
-use lumicast_engine::scene::CameraView;
-use lumicast_protocol::{ConvergencePoint, FrameHeader, PayloadKind, Problem, ProblemKind, Stats, View};
+use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
 use std::collections::{HashMap, HashSet};
 use std::sync::atomic::Ordering::SeqCst;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
 /// Slice of learning about the light between two slices of refining: as [`Rendering`] shares its time.
 const LEARNING_SECONDS: f64 = 0.3;
-/// Passes before a measured error is believed: four in each of the two halves.
-const PASSES_BELIEVED: u32 = 8;
-/// A picture still black all over after so many passes is taken as black: its error cannot be measured.
-const PASSES_BLACK: u32 = 256;
-/// A refined picture is sent when it has this share of passes more than the last one: the eye sees no smaller step.
-const PASSES_GROWTH: f64 = 0.25;
-/// Or when so much time has gone by, so that a viewer sees that something goes on.
-const SENT_SECONDS_MAX: f64 = 1.0;
-/// Between refined pictures at least: more than 20 a second of a resting view would only cost bytes.
-const REFINED_SECONDS_MIN: f64 = 0.05;
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
-
-/// Everything that a film depends on; while it stays, samples add up.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct FilmKey {
-    view: CameraView,
-    full: Size,
-    indirect: Indirect,
-    bounces_max: Option<u32>,
-    light_revision: u64,
-}
-
-/// Counts the memory of a film for as long as it lives.
-#[derive(Debug)]
-pub(super) struct FilmMemory {
-    workshop: Arc<Workshop>,
-    bytes: i64,
-}
-
-fn film_bytes(pixels: usize) -> i64 {
-    (pixels * Film::BYTES_PER_PIXEL) as i64
-}
-
-impl FilmMemory {
-    pub(super) fn of(workshop: &Arc<Workshop>, size: PictureSize) -> FilmMemory {
-        let bytes = film_bytes(size.pixel_count());
-        workshop.metrics.film_bytes.add(bytes);
-        FilmMemory { workshop: workshop.clone(), bytes }
-    }
-}
-
-impl Drop for FilmMemory {
-    fn drop(&mut self) {
-        self.workshop.metrics.film_bytes.add(-self.bytes);
-    }
-}
-
-/// A film at one rung of the ladder.
-#[derive(Debug)]
-struct Layer {
-    rendering: Rendering,
-    divisor: u32,
-    size: Size,
-    _memory: FilmMemory,
-}
-
-/// What the viewer was offered last.
-#[derive(Debug, Clone, Copy)]
-struct Shown {
-    camera_count: u64,
-    quality_count: u64,
-    revision: u64,
-    converged: bool,
-    at: Instant,
-}
-
-/// One viewer's film and where it stands.
-#[derive(Debug)]
-struct ViewerFilm {
-    key: FilmKey,
-    started: Instant,
-    /// What is shown and refined; `None` until the first quick pass.
-    layer: Option<Layer>,
-    /// The next rung, until its first pass is whole.
-    climb: Option<Layer>,
-    /// The finest divisor that memory allows.
-    divisor_min: u32,
-    /// Quick passes in a row that took too long.
-    overruns: u32,
-    /// Rung of the last quick pass.
-    quick_divisor: u32,
-    shown: Option<Shown>,
-    offer_at_passes: u32,
-    /// What was known of the light for its last pass.
-    light_generation: u64,
-    measured: Option<MeasuredError>,
-    packer: Packer,
-    speed: Speed,
-    rays_per_second: f64,
-}
-
-/// What is to be done for a viewer.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Task {
-    Nothing,
-    /// Something, but not before.
-    Later(Instant),
-    /// A quick first pass.
-    Start,
-    /// The picture is good, but shows an old stamp, revision, exposure or no "converged" yet.
-    Resend,
-    Refine,
-}
-
-/// When a picture rests.
-#[derive(Debug, Clone, Copy)]
-struct Rest {
-    /// At so many samples in any case …
-    samples_max: u32,
-    /// … but not before all is known of its light.
-    is_lit: bool,
-}
 
 /// Draws for one scene.
 #[derive(Debug)]
@@ -421,6 +312,7 @@ impl Painter {
         let budget = self.quick_pass(active);
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
         film.divisor_min = self.finest_divisor(key.full);
+        film.light_generation = self.lighting.generation(key.bounces_max);
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
@@ -581,7 +473,7 @@ impl Painter {
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
         let converged = film.has_converged(layer, wish, rest);
         let codec = frames::codec(wish.quality.codec, converged);
-        film.offer_at_passes = passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1);
+        film.offer_at_passes = next_offer_after(passes);
         // Even if packing fails: it would fail again at once.
         film.shown = Some(Shown {
             camera_count: wish.camera_count,
@@ -620,177 +512,6 @@ impl Painter {
         let (camera_received, camera_count) = (wish.received, wish.camera_count);
         if viewer.offer(Picture { header, payload, camera_received, camera_count }) {
             self.scene.workshop.metrics.frames_skipped.one();
-        }
-    }
-}
-
-impl ViewerFilm {
-    fn new(key: FilmKey, speed: Speed) -> ViewerFilm {
-        ViewerFilm {
-            key,
-            started: Instant::now(),
-            layer: None,
-            climb: None,
-            divisor_min: 1,
-            overruns: 0,
-            quick_divisor: DIVISOR_MAX,
-            shown: None,
-            offer_at_passes: 0,
-            light_generation: 0,
-            measured: None,
-            packer: Packer::default(),
-            speed,
-            rays_per_second: 0.0,
-        }
-    }
-
-    /// Begins anew; the tables and the memory of what was shown stay.
-    fn restart(&mut self, key: FilmKey) {
-        self.key = key;
-        self.started = Instant::now();
-        self.layer = None;
-        self.climb = None;
-        self.offer_at_passes = 0;
-        self.measured = None;
-    }
-
-    /// It shows what is known of the scene's light, for all viewers alike.
-    fn is_lit_by_the_scene(&self) -> bool {
-        self.key.indirect == Indirect::Octree
-    }
-
-    /// What comes next for a film whose key still holds.
-    fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, rest: Rest) -> Task {
-        let converged = self.has_converged(layer, wish, rest);
-        let is_news = |shown: &Shown| {
-            shown.camera_count != wish.camera_count
-                || shown.quality_count != wish.quality_count
-                || shown.revision != snapshot.revision
-                || shown.converged != converged
-        };
-        match (&self.shown, converged) {
-            (None, _) => Task::Resend,
-            (Some(shown), _) if is_news(shown) => Task::Resend,
-            (_, true) => Task::Nothing,
-            (_, false) => Task::Refine,
-        }
-    }
-
-    fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
-        let passes = layer.rendering.passes();
-        let reached = match self.measured {
-            Some(measured) => passes >= PASSES_BELIEVED && measured.error() <= wish.target_error,
-            None => passes >= PASSES_BLACK,
-        };
-        layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
-    }
-
-    /// Whether a refined picture is worth sending.
-    fn is_due(&self, layer: &Layer) -> bool {
-        let since = self.shown.map_or(f64::INFINITY, |shown| shown.at.elapsed().as_secs_f64());
-        let grown = layer.rendering.passes() >= self.offer_at_passes && since >= REFINED_SECONDS_MIN;
-        grown || since >= SENT_SECONDS_MAX
-    }
-
-    fn interval(&self) -> Option<[f32; 2]> {
-        let interval = self.measured?.error_interval_95().map(|bound| bound as f32);
-        interval.iter().all(|bound| bound.is_finite()).then_some(interval)
-    }
-
-    fn stats(&self, layer: &Layer, wish: &Wish, revision: u64) -> Stats {
-        Stats {
-            revision,
-            camera_stamp: wish.camera.stamp,
-            samples: layer.rendering.passes().into(),
-            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
-            error_ci: self.interval(),
-            seconds: self.started.elapsed().as_secs_f64(),
-            rays_per_second: self.rays_per_second,
-            samples_per_second: self.speed.samples_per_second(),
-            frames_sent: 0,
-            frames_skipped: 0,
-            in_flight: 0,
-            technique: wish.technique,
-            film_size: layer.size,
-            scale: f32::from(layer.size[0]) / f32::from(self.key.full[0]),
-        }
-    }
-
-    fn point(&self, layer: &Layer, wish: &Wish, revision: u64) -> ConvergencePoint {
-        ConvergencePoint {
-            seconds: self.started.elapsed().as_secs_f64(),
-            samples: layer.rendering.passes().into(),
-            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
-            error_ci: self.interval(),
-            revision,
-            technique: wish.technique,
-        }
-    }
-}
-
-/// Cuts a pass short at a time: a thread that sleeps until then.
-#[derive(Debug)]
-struct Alarm {
-    shared: Arc<(Mutex<Setting>, Condvar)>,
-    thread: Option<JoinHandle<()>>,
-}
-
-#[derive(Debug, Default)]
-struct Setting {
-    at: Option<Instant>,
-    stopped: bool,
-}
-
-impl Alarm {
-    fn start(scene: Arc<Scene>) -> Alarm {
-        let shared = Arc::new((Mutex::new(Setting::default()), Condvar::new()));
-        let watched = shared.clone();
-        let work = move || {
-            let (setting, changed) = &*watched;
-            let mut setting = lock(setting);
-            while !setting.stopped {
-                let wait = setting.at.map(|at| at.saturating_duration_since(Instant::now()));
-                setting = match wait {
-                    Some(Duration::ZERO) => {
-                        // Under the lock: once `set` has returned, an older alarm rings no more.
-                        setting.at = None;
-                        scene.cancel.store(true, SeqCst);
-                        setting
-                    }
-                    Some(wait) => {
-                        changed.wait_timeout(setting, wait).unwrap_or_else(PoisonError::into_inner).0
-                    }
-                    None => changed.wait(setting).unwrap_or_else(PoisonError::into_inner),
-                };
-            }
-        };
-        let thread = std::thread::Builder::new().name("alarm".into()).spawn(work);
-        // Without it passes run to their end: slower to react, not wrong.
-        let thread =
-            thread.inspect_err(|error| tracing::error!(%error, "no thread for cutting passes short"));
-        Alarm { shared, thread: thread.ok() }
-    }
-
-    fn set(&self, at: Option<Instant>) {
-        let (setting, changed) = &*self.shared;
-        let mut setting = lock(setting);
-        let unchanged = setting.at == at;
-        setting.at = at;
-        drop(setting);
-        if !unchanged {
-            changed.notify_one();
-        }
-    }
-}
-
-impl Drop for Alarm {
-    fn drop(&mut self) {
-        let (setting, changed) = &*self.shared;
-        lock(setting).stopped = true;
-        changed.notify_one();
-        if let Some(thread) = self.thread.take() {
-            // It cannot panic.
-            let _ = thread.join();
         }
     }
 }

@@ -77,7 +77,7 @@ pub(super) struct Job {
 pub(super) struct Drawing {
     job: Job,
     pub(super) rendering: Rendering,
-    pub(super) memory: super::painter::FilmMemory,
+    pub(super) memory: super::viewer_film::FilmMemory,
     started: Instant,
     /// Passes at which the error is measured next: measuring walks the whole film.
     measure_at: u32,
@@ -153,7 +153,7 @@ impl Drawing {
         let started = Instant::now();
         Drawing {
             rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
-            memory: super::painter::FilmMemory::of(workshop, job.size),
+            memory: super::viewer_film::FilmMemory::of(workshop, job.size),
             started,
             measure_at: 2,
             error: None,

@@ -1,0 +1,238 @@
+//! One viewer's film: what it depends on, where it stands, and what it asks for next.
+//!
+//! Decides and counts; whoever owns it draws. `painter.rs` holds one for every viewer.
+
+use super::frames::Packer;
+use super::ladder::{DIVISOR_MAX, Size, Speed};
+use super::viewer::Wish;
+use super::{Snapshot, Workshop};
+use lumicast_engine::film::{Film, MeasuredError, PictureSize};
+use lumicast_engine::render::{Indirect, Rendering};
+use lumicast_engine::scene::CameraView;
+use lumicast_protocol::{ConvergencePoint, Stats};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Passes before a measured error is believed: four in each of the two halves.
+const PASSES_BELIEVED: u32 = 8;
+/// A picture still black all over after so many passes is taken as black: its error cannot be measured.
+const PASSES_BLACK: u32 = 256;
+/// Passes at which a picture rests whose error nobody measures.
+const PASSES_UNMEASURED: u32 = 256;
+/// A refined picture is sent when it has this share of passes more than the last one: the eye sees no smaller step.
+const PASSES_GROWTH: f64 = 0.25;
+/// Or when so much time has gone by, so that a viewer sees that something goes on.
+const SENT_SECONDS_MAX: f64 = 1.0;
+/// Between refined pictures at least: more than 20 a second of a resting view would only cost bytes.
+const REFINED_SECONDS_MIN: f64 = 0.05;
+
+/// Everything that a film depends on; while it stays, samples add up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FilmKey {
+    pub(super) view: CameraView,
+    pub(super) full: Size,
+    pub(super) indirect: Indirect,
+    pub(super) bounces_max: Option<u32>,
+    pub(super) light_revision: u64,
+}
+
+/// Counts the memory of a film for as long as it lives.
+#[derive(Debug)]
+pub(super) struct FilmMemory {
+    workshop: Arc<Workshop>,
+    bytes: i64,
+}
+
+pub(super) fn film_bytes(pixels: usize) -> i64 {
+    (pixels * Film::BYTES_PER_PIXEL) as i64
+}
+
+impl FilmMemory {
+    pub(super) fn of(workshop: &Arc<Workshop>, size: PictureSize) -> FilmMemory {
+        let bytes = film_bytes(size.pixel_count());
+        workshop.metrics.film_bytes.add(bytes);
+        FilmMemory { workshop: workshop.clone(), bytes }
+    }
+}
+
+impl Drop for FilmMemory {
+    fn drop(&mut self) {
+        self.workshop.metrics.film_bytes.add(-self.bytes);
+    }
+}
+
+/// A film at one rung of the ladder.
+#[derive(Debug)]
+pub(super) struct Layer {
+    pub(super) rendering: Rendering,
+    pub(super) divisor: u32,
+    pub(super) size: Size,
+    pub(super) _memory: FilmMemory,
+}
+
+/// What the viewer was offered last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shown {
+    pub(super) camera_count: u64,
+    pub(super) quality_count: u64,
+    pub(super) revision: u64,
+    pub(super) converged: bool,
+    pub(super) at: Instant,
+}
+
+/// One viewer's film and where it stands.
+#[derive(Debug)]
+pub(super) struct ViewerFilm {
+    pub(super) key: FilmKey,
+    pub(super) started: Instant,
+    /// What is shown and refined; `None` until the first quick pass.
+    pub(super) layer: Option<Layer>,
+    /// The next rung, until its first pass is whole.
+    pub(super) climb: Option<Layer>,
+    /// The finest divisor that memory allows.
+    pub(super) divisor_min: u32,
+    /// Quick passes in a row that took too long.
+    pub(super) overruns: u32,
+    /// Rung of the last quick pass.
+    pub(super) quick_divisor: u32,
+    pub(super) shown: Option<Shown>,
+    pub(super) offer_at_passes: u32,
+    /// What was known of the light for its last pass.
+    pub(super) light_generation: u64,
+    pub(super) measured: Option<MeasuredError>,
+    pub(super) packer: Packer,
+    pub(super) speed: Speed,
+    pub(super) rays_per_second: f64,
+}
+
+/// What is to be done for a viewer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Task {
+    Nothing,
+    /// Something, but not before.
+    Later(Instant),
+    /// A quick first pass.
+    Start,
+    /// The picture is good, but shows an old stamp, revision, exposure or no "converged" yet.
+    Resend,
+    Refine,
+}
+
+/// When a picture rests.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rest {
+    /// At so many samples in any case …
+    pub(super) samples_max: u32,
+    /// … but not before all is known of its light.
+    pub(super) is_lit: bool,
+}
+
+/// Passes at which a picture is worth sending after one of so many was sent.
+pub(super) fn next_offer_after(passes: u32) -> u32 {
+    passes + ((f64::from(passes) * PASSES_GROWTH) as u32).max(1)
+}
+
+impl ViewerFilm {
+    pub(super) fn new(key: FilmKey, speed: Speed) -> ViewerFilm {
+        ViewerFilm {
+            key,
+            started: Instant::now(),
+            layer: None,
+            climb: None,
+            divisor_min: 1,
+            overruns: 0,
+            quick_divisor: DIVISOR_MAX,
+            shown: None,
+            offer_at_passes: 0,
+            light_generation: 0,
+            measured: None,
+            packer: Packer::default(),
+            speed,
+            rays_per_second: 0.0,
+        }
+    }
+
+    /// Begins anew; the tables and the memory of what was shown stay.
+    pub(super) fn restart(&mut self, key: FilmKey) {
+        self.key = key;
+        self.started = Instant::now();
+        self.layer = None;
+        self.climb = None;
+        self.offer_at_passes = 0;
+        self.measured = None;
+    }
+
+    /// It shows what is known of the scene's light, for all viewers alike.
+    pub(super) fn is_lit_by_the_scene(&self) -> bool {
+        self.key.indirect == Indirect::Octree
+    }
+
+    /// What comes next for a film whose key still holds.
+    pub(super) fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, rest: Rest) -> Task {
+        let converged = self.has_converged(layer, wish, rest);
+        let is_news = |shown: &Shown| {
+            shown.camera_count != wish.camera_count
+                || shown.quality_count != wish.quality_count
+                || shown.revision != snapshot.revision
+                || shown.converged != converged
+        };
+        match (&self.shown, converged) {
+            (None, _) => Task::Resend,
+            (Some(shown), _) if is_news(shown) => Task::Resend,
+            (_, true) => Task::Nothing,
+            (_, false) => Task::Refine,
+        }
+    }
+
+    pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
+        let passes = layer.rendering.passes();
+        let reached = match self.measured {
+            Some(measured) => passes >= PASSES_BELIEVED && measured.error() <= wish.target_error,
+            None if self.is_lit_by_the_scene() => passes >= PASSES_UNMEASURED,
+            None => passes >= PASSES_BLACK,
+        };
+        layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
+    }
+
+    /// Whether a refined picture is worth sending.
+    pub(super) fn is_due(&self, layer: &Layer) -> bool {
+        let since = self.shown.map_or(f64::INFINITY, |shown| shown.at.elapsed().as_secs_f64());
+        let grown = layer.rendering.passes() >= self.offer_at_passes && since >= REFINED_SECONDS_MIN;
+        grown || since >= SENT_SECONDS_MAX
+    }
+
+    fn interval(&self) -> Option<[f32; 2]> {
+        let interval = self.measured?.error_interval_95().map(|bound| bound as f32);
+        interval.iter().all(|bound| bound.is_finite()).then_some(interval)
+    }
+
+    pub(super) fn stats(&self, layer: &Layer, wish: &Wish, revision: u64) -> Stats {
+        Stats {
+            revision,
+            camera_stamp: wish.camera.stamp,
+            samples: layer.rendering.passes().into(),
+            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
+            error_ci: self.interval(),
+            seconds: self.started.elapsed().as_secs_f64(),
+            rays_per_second: self.rays_per_second,
+            samples_per_second: self.speed.samples_per_second(),
+            frames_sent: 0,
+            frames_skipped: 0,
+            in_flight: 0,
+            technique: wish.technique,
+            film_size: layer.size,
+            scale: f32::from(layer.size[0]) / f32::from(self.key.full[0]),
+        }
+    }
+
+    pub(super) fn point(&self, layer: &Layer, wish: &Wish, revision: u64) -> ConvergencePoint {
+        ConvergencePoint {
+            seconds: self.started.elapsed().as_secs_f64(),
+            samples: layer.rendering.passes().into(),
+            error: self.measured.map(|measured| measured.error() as f32).filter(|e| e.is_finite()),
+            error_ci: self.interval(),
+            revision,
+            technique: wish.technique,
+        }
+    }
+}
