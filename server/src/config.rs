@@ -175,7 +175,7 @@ settings! {
     /// Samples per pixel at which a picture rests even when its error is not reached.
     samples_max: u32 = 65_536;
     /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
-    /// them; at most 100 million.
+    /// them; at most 100 million. Up to four times as many where most of them leave the scene.
     photons: u32 = 1_000_000;
     /// Halvings of the scene's cube down to the cells of its light octree, 4 to 10: each doubles the detail and about
     /// quadruples memory and time.

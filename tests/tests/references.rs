@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
-use exr::prelude::{ReadChannels, ReadLayers, read};
 use lumicast::assets::{AssetLimits, load_scene};
+use lumicast::images::decode_exr;
 use lumicast_engine::film::{PictureSize, compare};
 use lumicast_engine::math::Rgb;
 use lumicast_engine::render::{RenderSettings, Rendering};
@@ -91,7 +91,7 @@ fn subjects(shared: &Path) -> Vec<Subject> {
 
 /// Renders, prints a line of the table, and says what is wrong.
 fn judge(subject: &Subject, seconds: f64) -> Result<(), String> {
-    let reference = read_exr(&subject.reference, subject.size);
+    let reference = reference_of(&subject.reference, subject.size);
     let (halves, samples) = two_halves(subject, seconds);
     let verdict = Verdict::of(subject, &halves, &reference);
     println!(
@@ -229,22 +229,10 @@ fn blocks(picture: &[Rgb], size: PictureSize) -> Vec<Rgb> {
     (0..height / BLOCK).flat_map(|row| (0..width / BLOCK).map(move |column| block_at(row, column))).collect()
 }
 
-fn read_exr(path: &Path, size: PictureSize) -> Vec<Rgb> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgba_channels(
-            |resolution, _| (resolution.width(), vec![Rgb::BLACK; resolution.area()]),
-            |(width, pixels), position, (red, green, blue, _): (f32, f32, f32, f32)| {
-                pixels[position.y() * *width + position.x()] = [red, green, blue].into();
-            },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-    let (width, pixels) = image.layer_data.channel_data.pixels;
-    assert_eq!((width, pixels.len()), (size.width() as usize, size.pixel_count()), "{}", path.display());
+fn reference_of(path: &Path, size: PictureSize) -> Vec<Rgb> {
+    let bytes = std::fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let (found, pixels) = decode_exr(&bytes).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    assert_eq!(found, size, "{}", path.display());
     pixels
 }
 

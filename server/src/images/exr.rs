@@ -6,15 +6,17 @@
 use std::io::Cursor;
 
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Text,
-    WritableImage,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, ReadChannels, ReadLayers,
+    SmallVec, Text, WritableImage, read,
 };
-use lumicast_engine::{film::Film, math::Rgb, transport::PathClass};
+use lumicast_engine::{
+    film::{BadPictureSize, Film, PictureSize},
+    math::Rgb,
+    transport::PathClass,
+};
 use serde::Serialize;
 
 use super::EncodeError;
-#[cfg(test)]
-use lumicast_engine::film::PictureSize;
 
 /// A layer of the film beside the plain picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -159,20 +161,35 @@ fn add_vectors<const N: usize>(
     }
 }
 
-/// Reads back a plain picture, for tests and comparisons: size and radiance of the channels R, G, B.
-#[cfg(test)]
-pub(crate) fn decode_exr(bytes: &[u8]) -> Option<(PictureSize, Vec<Rgb>)> {
-    use exr::prelude::{ReadChannels, ReadLayers, read};
-    let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
-    let image = image.from_buffered(Cursor::new(bytes)).ok()?;
-    let layer = &image.layer_data[0];
-    let plane = |name: &str| -> Option<Vec<f32>> {
-        let channel = layer.channel_data.list.iter().find(|channel| channel.name == *name)?;
-        Some(channel.sample_data.values_as_f32().collect())
-    };
-    let (r, g, b) = (plane("R")?, plane("G")?, plane("B")?);
-    let radiance = r.iter().zip(&g).zip(&b).map(|((r, g), b)| Rgb::new(*r, *g, *b)).collect();
-    Some((PictureSize::new(layer.size.0 as u32, layer.size.1 as u32).ok()?, radiance))
+/// An EXR file that is no picture to us.
+#[derive(Debug, thiserror::Error)]
+pub enum DecodeError {
+    /// It is no EXR file, or has no layer of red, green and blue.
+    #[error("not an EXR picture of red, green and blue: {0}")]
+    Broken(#[from] exr::error::Error),
+    /// It is larger than pictures may be.
+    #[error(transparent)]
+    TooLarge(#[from] BadPictureSize),
+}
+
+/// The plain picture of an EXR file, from its channels R, G and B: `[h × w]`, rows top to bottom.
+pub fn decode_exr(bytes: &[u8]) -> Result<(PictureSize, Vec<Rgb>), DecodeError> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .rgba_channels(
+            |resolution, _| (resolution.width(), vec![Rgb::BLACK; resolution.area()]),
+            |(width, pixels), position, (red, green, blue, _): (f32, f32, f32, f32)| {
+                pixels[position.y() * *width + position.x()] = [red, green, blue].into();
+            },
+        )
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(Cursor::new(bytes))?;
+    let resolution = image.layer_data.size;
+    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
+    let size = PictureSize::new(side(resolution.width()), side(resolution.height()))?;
+    Ok((size, image.layer_data.channel_data.pixels.1))
 }
 
 #[cfg(test)]

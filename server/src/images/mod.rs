@@ -1,4 +1,4 @@
-//! Pictures → bytes: EXR, PNG and JPEG files, and the payloads of streamed frames.
+//! Pictures → bytes: EXR, PNG and JPEG files, and the payloads of streamed frames; and EXR files → pictures.
 //!
 //! Knows the engine's film and nothing of who wants the bytes. `exr.rs` and `frame.rs` turn pictures into
 //! bytes in memory, `file.rs` puts bytes on disk so that a name holds a whole picture or what it held before.
@@ -7,8 +7,6 @@ mod exr;
 mod file;
 mod frame;
 
-#[cfg(test)]
-pub(crate) use exr::decode_exr;
-pub use exr::{EXR_LAYERS, ExrLayer, ExrLayers, PictureFacts, encode_exr};
+pub use exr::{DecodeError, EXR_LAYERS, ExrLayer, ExrLayers, PictureFacts, decode_exr, encode_exr};
 pub use file::{FileError, write_file};
 pub use frame::{EncodeError, JpegQuality, jpeg, png_fast, png_small, rgb_f32_le};

@@ -18,6 +18,7 @@ use crate::cli::{
     render::{default_size, find_camera},
     scene_source::SceneSource,
 };
+use crate::images::decode_exr;
 
 /// A scene by name, not read yet.
 #[derive(Clone, Debug, Serialize)]
@@ -154,8 +155,8 @@ impl Subject {
         if !(full.is_file() && direct.is_file()) {
             return Ok(None);
         }
-        let (size, full) = read_exr(&full)?;
-        let (direct_size, direct_picture) = read_exr(&direct)?;
+        let (size, full) = read(&full)?;
+        let (direct_size, direct_picture) = read(&direct)?;
         if direct_size != size {
             let reason = "it is not of the size of the full picture beside it".into();
             return Err(ReportError::Reference { path: direct, reason });
@@ -181,25 +182,8 @@ fn is_diffuse(scene: &Scene) -> bool {
         .all(|material| material.metallic == 0.0 && material.specular == 0.0 && material.transmission == 0.0)
 }
 
-fn read_exr(path: &Path) -> Result<(PictureSize, Vec<Rgb>), ReportError> {
-    use exr::prelude::{ReadChannels, ReadLayers, read};
+fn read(path: &Path) -> Result<(PictureSize, Vec<Rgb>), ReportError> {
     let broken = |reason: String| ReportError::Reference { path: path.to_path_buf(), reason };
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgba_channels(
-            |resolution, _| (resolution.width(), vec![Rgb::BLACK; resolution.area()]),
-            |(width, pixels), position, (red, green, blue, _): (f32, f32, f32, f32)| {
-                pixels[position.y() * *width + position.x()] = [red, green, blue].into();
-            },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .from_file(path)
-        .map_err(|error| broken(error.to_string()))?;
-    let resolution = image.layer_data.size;
-    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
-    let size = PictureSize::new(side(resolution.width()), side(resolution.height()))
-        .map_err(|error| broken(error.to_string()))?;
-    Ok((size, image.layer_data.channel_data.pixels.1))
+    let bytes = std::fs::read(path).map_err(|error| broken(error.to_string()))?;
+    decode_exr(&bytes).map_err(|error| broken(error.to_string()))
 }

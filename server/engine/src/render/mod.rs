@@ -78,7 +78,6 @@ pub struct Rendering {
     illumination: Option<Box<Illumination>>,
     /// Seconds spent on learning less those spent on passes, since the first pass.
     lead_seconds: f64,
-    products: Products,
     counts: Counts,
 }
 
@@ -121,7 +120,6 @@ impl Rendering {
             settings,
             illumination: None,
             lead_seconds: 0.0,
-            products: Products::default(),
             counts: Counts::default(),
         }
     }
@@ -134,7 +132,8 @@ impl Rendering {
         }
         let start = Instant::now();
         let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
-        let mut step = Step { world: &self.world, products: &mut self.products, canvas, cancel };
+        // What it draws with was handed to the technique; it makes nothing for others.
+        let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
         let progress = self.technique.step(&mut step);
         self.counts += progress.counts;
         self.lead_seconds -= LEARNING_SHARE * start.elapsed().as_secs_f64();
@@ -142,7 +141,8 @@ impl Rendering {
     }
 
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
-    /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept throughout.
+    /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept
+    /// throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
         let illumination = self.illumination.as_mut()?;
         let is_pass_due = match illumination.stage() {
@@ -157,15 +157,15 @@ impl Rendering {
         let start = Instant::now();
         let is_first = illumination.stage() == Stage::Nothing;
         let before = illumination.counts();
-        if illumination.step(&self.world, cancel) {
-            let known = illumination.known().cloned();
-            self.technique = Box::new(tracer(&self.settings, known));
-            self.film.outdate_secondary();
+        let is_better = illumination.step(&self.world, cancel);
+        let counts = illumination.counts() - before;
+        let known = illumination.known().cloned();
+        if is_better {
+            self.relight(known);
         }
         if !is_first {
             self.lead_seconds += start.elapsed().as_secs_f64();
         }
-        let counts = illumination.counts() - before;
         self.counts += counts;
         Some(Progress { counts, complete: false })
     }

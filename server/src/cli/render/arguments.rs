@@ -41,13 +41,15 @@ pub struct RenderArgs {
     /// one sample in any case
     #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
     pub time: Option<Duration>,
-    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%
+    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%; not with --indirect octree,
+    /// whose error is not measured yet
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
     /// Stop at this many samples per pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub samples: Option<u32>,
-    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out
+    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out. With --indirect octree
+    /// mirrors and glass before the first diffuse surface come on top
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Names the random numbers

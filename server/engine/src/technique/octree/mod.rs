@@ -176,13 +176,13 @@ impl LightOctree {
         self.vdls.len()
     }
 
-    /// Memory of nodes, cells and lights.
+    /// Memory of nodes, cells, pieces of surface and lights.
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
             + self.sets.len() * size_of::<LeafSet>()
             + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
             + self.harmonics.len() * size_of::<[Harmonics; 2]>()
-            + self.voxels.first_set.len() * size_of::<u32>()
+            + self.voxels.bytes()
     }
 
     /// True when both hold the same cells with the same light, to the last bit.
@@ -426,11 +426,9 @@ impl OctreeBuilding {
         let is_deeper = |octree: &Arc<LightOctree>| {
             octree.photons.generation == photons.generation && octree.depth() < depth
         };
-        if self.octree.as_ref().is_some_and(is_deeper) {
-            self.is_full = !fits(depth);
-            if self.is_full {
-                return None;
-            }
+        self.is_full = self.octree.as_ref().is_some_and(is_deeper) && !fits(depth);
+        if self.is_full {
+            return None;
         }
         while depth > 1 && !fits(depth) {
             depth -= 1;

@@ -290,6 +290,15 @@ impl Voxels {
         }
     }
 
+    /// Memory.
+    pub(super) fn bytes(&self) -> usize {
+        let pieces: usize = self.instances.iter().map(|instance| instance.pieces.len()).sum();
+        pieces * size_of::<Piece>()
+            + (self.codes.len() + self.first_set.len()) * size_of::<u32>()
+            + self.sets.len() * size_of::<VoxelSet>()
+            + self.sides.len() * size_of::<SideId>()
+    }
+
     /// The groups of a cell, by its place.
     pub(super) fn sets_of(&self, cell: usize) -> &[VoxelSet] {
         &self.sets[self.first_set[cell] as usize..self.first_set[cell + 1] as usize]

@@ -571,21 +571,4 @@ mod tests {
             assert_eq!(*known, surface);
         }
     }
-
-    /// Prints the time for a million triangles: `cargo test --release -- --ignored --nocapture million`.
-    #[test]
-    #[ignore = "a measurement, not a law"]
-    fn time_of_a_million_triangles() {
-        for (name, mesh) in [("shared", sphere(708)), ("book", book(1_000_000, 5))] {
-            let start = std::time::Instant::now();
-            let count = split(&mesh, 60.0).count();
-            println!("{name}: {} triangles, {count} surfaces, {:?}", mesh.1.len(), start.elapsed());
-        }
-        let (positions, triangles) = sphere(708);
-        let all = triangles.iter().map(|t| t.map(|v| positions[v as usize]));
-        let apart = soup(all);
-        let start = std::time::Instant::now();
-        let count = split(&apart, 60.0).count();
-        println!("unshared: {} triangles, {count} surfaces, {:?}", apart.1.len(), start.elapsed());
-    }
 }

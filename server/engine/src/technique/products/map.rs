@@ -87,6 +87,14 @@ impl GatheredPhoton {
     }
 }
 
+/// How far surfaces count around the middle of a gather.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reach {
+    pub(super) radius_m: f32,
+    /// Least cosine of their normals with the gather's.
+    pub(super) facing_cos: f32,
+}
+
 /// What a gather found; kept by the caller so that its memory is used again.
 #[derive(Clone, Debug, Default)]
 pub struct Gather {
@@ -241,7 +249,8 @@ impl PhotonMaps {
         let facing_count = gather.near.iter().filter(|near| faces(near)).count();
         let is_oriented = facing_count >= FACING_MIN || facing_count == gather.near.len();
         let facing_cos = if is_oriented { FACING_COS } else { -2.0 };
-        gather.area_m2 = self.area_within(class, sides, bounds, (gather.radius_m, facing_cos));
+        gather.area_m2 =
+            self.area_within(class, sides, bounds, Reach { radius_m: gather.radius_m, facing_cos });
         if !(gather.area_m2 > 0.0) {
             return;
         }
@@ -259,7 +268,7 @@ impl PhotonMaps {
     /// Area of the surfaces of some sides within a radius that face within a cosine of the normal: of both sides where both
     /// are asked for, since the photons of both count; but of none that no photon of the class falls on anywhere. Such are
     /// mostly the insides of walls and shells, which nobody sees, and which would take their share of the light.
-    fn area_within(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, reach: (f32, f32)) -> f32 {
+    fn area_within(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, reach: Reach) -> f32 {
         let lit = sides.iter().filter(|side| self.sides[class][side.index()].is_some());
         lit.map(|side| self.surfaces.area_in_sphere(*side, bounds, reach)).sum()
     }

@@ -502,18 +502,4 @@ mod tests {
         assert_eq!(clip_to_box(triangle, Vec3::new(-1.0, -1.0, -1.0), Vec3::new(1.0, 0.0, 1.0)), None);
         assert_eq!(clip_to_box(triangle, Vec3::new(0.0, -1.0, -1.0), Vec3::new(1.0, 0.0, 1.0)), None);
     }
-
-    /// Prints the time of one call: `cargo test --release -- --ignored --nocapture time_of_areas`.
-    #[test]
-    #[ignore = "a measurement, not a law"]
-    fn time_of_areas() {
-        let triangles: Vec<[Vec3; 3]> = (0..4096).map(random_triangle).collect();
-        let start = std::time::Instant::now();
-        let sum: f32 = triangles.iter().map(|t| area_in_sphere(*t, 0.2 * Vec3::ONE, 0.5)).sum();
-        println!("area in sphere: {:?} a call ({sum})", start.elapsed() / 4096);
-        let start = std::time::Instant::now();
-        let areas = triangles.iter().filter_map(|t| clip_to_box(*t, Vec3::ZERO, 0.5 * Vec3::ONE));
-        let sum: f32 = areas.map(|patch| patch.area_m2).sum();
-        println!("clip to box: {:?} a call ({sum})", start.elapsed() / 4096);
-    }
 }

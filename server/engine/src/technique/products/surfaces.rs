@@ -8,7 +8,11 @@ use glam::{Mat3, Vec3};
 use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::{crease::CreaseSurfaces, map::GatherBounds, patch};
+use super::{
+    crease::CreaseSurfaces,
+    map::{GatherBounds, Reach},
+    patch,
+};
 use crate::{
     accel::{Accel, Instance},
     scene::Mesh,
@@ -157,11 +161,6 @@ impl Surfaces {
         self.first.last().copied().unwrap_or(0)
     }
 
-    /// Angle between neighbouring triangles below which they are one surface.
-    pub fn angle_rad(&self) -> f32 {
-        self.angle_rad
-    }
-
     /// The instance and its triangle are known here.
     pub fn holds(&self, place: TriangleSide) -> bool {
         let known = self.instances.get(place.instance as usize);
@@ -186,8 +185,8 @@ impl Surfaces {
     }
 
     /// Area of what a side of a surface turns to the gather's normal, within a cosine of it, in a sphere around its middle,
-    /// m²; `reach`: radius and cosine.
-    pub(super) fn area_in_sphere(&self, side: SideId, bounds: &GatherBounds, reach: (f32, f32)) -> f32 {
+    /// m².
+    pub(super) fn area_in_sphere(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> f32 {
         let (instance, surface) = self.place_of(side.surface());
         let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
         let bounds = GatherBounds { normal, ..*bounds };
@@ -269,7 +268,12 @@ impl InstanceSurfaces {
         corners(&self.instance, triangle)
     }
 
-    fn area_in_sphere(&self, surface: u32, bounds: &GatherBounds, (radius_m, facing_cos): (f32, f32)) -> f32 {
+    fn area_in_sphere(
+        &self,
+        surface: u32,
+        bounds: &GatherBounds,
+        Reach { radius_m, facing_cos }: Reach,
+    ) -> f32 {
         let extent = &self.surfaces[surface as usize];
         let faces = |facts: &TriangleFacts| facts.normal.dot(bounds.normal) >= facing_cos;
         let exact = |triangle: u32| patch::area_in_sphere(self.corners(triangle), bounds.centre, radius_m);
