@@ -19,7 +19,7 @@ use crate::{
 const ROUNDS: [Round; 3] = [
     Round { photon_divisor: 32, depth_first: 4, depth: 4 },
     Round { photon_divisor: 4, depth_first: 5, depth: 6 },
-    Round { photon_divisor: 1, depth_first: 7, depth: OctreeSettings::DEPTH_MAX },
+    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX },
 ];
 /// Share of the paths that an edit may touch before the rounds begin again: beyond, a rough answer soon is worth more than
 /// the right one later.

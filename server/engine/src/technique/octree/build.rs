@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl,
+    LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl, Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
     tree::Nodes,
@@ -221,7 +221,6 @@ impl Building {
             let light = &octree.sets[first + place];
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && same_sides(old, new)
-                && (0..MAPPED.len()).all(|class| self.are_lit_as_before(class, octree, old, new))
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
                     reused.changed.is_within(class, sides, light.radius_m[class], new.centre)
@@ -233,12 +232,6 @@ impl Building {
             .enumerate()
             .all(is_kept)
             .then(|| (first..first + sets.len()).map(|set| octree.light_of_set(set)).collect())
-    }
-
-    /// Sides on which no photon falls anywhere do not count: the first one, or the last, matters wherever it is.
-    fn are_lit_as_before(&self, class: usize, octree: &LightOctree, old: &VoxelSet, new: &VoxelSet) -> bool {
-        let before = octree.voxels.sides_of(old).iter().map(|side| octree.photons.maps.is_lit(class, *side));
-        before.eq(self.voxels.sides_of(new).iter().map(|side| self.photons.maps.is_lit(class, *side)))
     }
 
     fn light_of_set(
@@ -303,9 +296,11 @@ impl Building {
                 vdls.extend(of_class);
                 first
             });
-            shaded.extend(vdls[shaded.len()..].iter().map(|vdl| ShadedVdl::of(vdl, set.normal)));
+            let softness = Softness::of(light.spread.chord_rms);
+            shaded.extend(vdls[shaded.len()..].iter().map(|vdl| ShadedVdl::of(vdl, set.normal, softness)));
             sets.push(LeafSet {
                 normal: set.normal,
+                plane_m: set.normal.dot(set.centre),
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
                 radius_m: light.radius_m,

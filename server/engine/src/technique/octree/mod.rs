@@ -125,14 +125,39 @@ pub struct LightOctree {
 #[derive(Clone, Copy, Debug)]
 struct ShadedVdl {
     direction: Vec3,
-    /// Irradiance over the softened cosine with its group: see [`GRAZING`].
+    /// Irradiance over the softened cosine with its group: see [`Softness`].
     scaled: Rgb,
 }
 
 impl ShadedVdl {
-    fn of(vdl: &Vdl, n_set: Vec3) -> ShadedVdl {
-        let cos = n_set.dot(vdl.direction).max(0.0);
-        ShadedVdl { direction: vdl.direction, scaled: vdl.irradiance * (1.0 / (cos + GRAZING)) }
+    fn of(vdl: &Vdl, n_set: Vec3, softness: Softness) -> ShadedVdl {
+        // Photons are counted on surfaces that lean to either side of the group's normal.
+        let cos = softness.cos(n_set.dot(vdl.direction)).max(GRAZING);
+        ShadedVdl { direction: vdl.direction, scaled: vdl.irradiance * (1.0 / cos) }
+    }
+}
+
+/// How gently the cosine with a light ends below the horizon: a light stands for photons from around its direction, some of
+/// which still reach a surface that has turned away from it.
+#[derive(Clone, Copy, Debug)]
+struct Softness {
+    reach: f32,
+    per_reach: f32,
+}
+
+impl Softness {
+    /// Where photons lie `chord_rms` around their light: with a deviation of σ = chord / √2 to either side, a normal
+    /// distribution has a mean cosine of σ / √(2π) at the horizon, and next to none 1.6 σ below it.
+    fn of(chord_rms: f32) -> Softness {
+        let reach = (2.0 * chord_rms / std::f32::consts::PI.sqrt()).clamp(SOFTNESS_MIN, 1.0);
+        Softness { reach, per_reach: 0.25 / reach }
+    }
+
+    /// The mean of max(cos, 0) over the light's photons, about.
+    #[inline]
+    fn cos(self, cos: f32) -> f32 {
+        let above = (cos + self.reach).max(0.0);
+        if cos > self.reach { cos } else { above * above * self.per_reach }
     }
 }
 
@@ -140,6 +165,8 @@ impl ShadedVdl {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafSet {
     normal: Vec3,
+    /// Its mean plane's distance from the origin along the normal, m.
+    plane_m: f32,
     /// Where the lights of each class start.
     first_vdl: [u32; 2],
     end_vdl: u32,
@@ -150,7 +177,11 @@ struct LeafSet {
 
 /// Cosine of the angle between a surface and a group from which on they are lit alike.
 const LIKE_COS: f32 = 0.3;
-/// Softens the ratio of cosines where light grazes a group: it stays 1 where shading normal and group agree.
+/// Distance from a group's mean plane at which it counts half, in sides of a cell: farther off it is another sheet.
+const SHEET_CELLS: f32 = 0.35;
+/// Softens lights of a single direction.
+const SOFTNESS_MIN: f32 = 0.2;
+/// Lights that graze a group count as if their cosine with it were this.
 const GRAZING: f32 = 0.1;
 
 impl LightOctree {
@@ -241,7 +272,8 @@ impl LightOctree {
                 continue;
             }
             let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
-            let Some(set) = self.set_like(leaf, n) else { continue };
+            let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
+            let weight = weight * share;
             sets[count] = (weight, set);
             count += 1;
             total += weight;
@@ -254,17 +286,25 @@ impl LightOctree {
         }
     }
 
-    /// The group of a cell that faces most like `n`, if any faces about like it.
+    /// The group of a cell that faces most like `n` and whose plane is nearest to `p`, if any faces about like it, and how
+    /// much it is to count, in (0, 1].
     #[inline]
-    fn set_like(&self, leaf: usize, n: Vec3) -> Option<usize> {
+    fn set_like(&self, leaf: usize, p: Vec3, n: Vec3) -> Option<(usize, f32)> {
         let range = self.voxels.first_set[leaf] as usize..self.voxels.first_set[leaf + 1] as usize;
+        let per_m2 = 1.0 / (SHEET_CELLS * self.voxels.cube.cell_m()).powi(2);
         let mut best = None;
-        let mut best_cos = LIKE_COS;
+        let mut best_score = 0.0;
         for set in range {
-            let cos = self.sets[set].normal.dot(n);
-            if cos > best_cos {
-                best_cos = cos;
-                best = Some(set);
+            let LeafSet { normal, plane_m, .. } = self.sets[set];
+            let cos = normal.dot(n);
+            if cos > LIKE_COS {
+                let off_m = normal.dot(p) - plane_m;
+                let squared = off_m * off_m * per_m2;
+                let share = 1.0 / (1.0 + squared * squared);
+                if cos * share > best_score {
+                    best_score = cos * share;
+                    best = Some((set, share));
+                }
             }
         }
         best
@@ -303,9 +343,11 @@ impl SecondaryLight for LightOctree {
                 return;
             }
             let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
-            sums[0] += shading.response(&self.shaded[first..first_caustic]) * weight;
+            let softness = Softness::of(set.chord_rms);
+            sums[0] += shading.response(&self.shaded[first..first_caustic], softness) * weight;
             if first_caustic < set.end_vdl as usize {
-                sums[1] += shading.response(&self.shaded[first_caustic..set.end_vdl as usize]) * weight;
+                let caustic = &self.shaded[first_caustic..set.end_vdl as usize];
+                sums[1] += shading.response(caustic, softness) * weight;
             }
         });
         ScatteredLight { indirect: sums[0], caustic: sums[1] }
@@ -333,25 +375,24 @@ impl Shading<'_> {
     /// What the diffuse lobe sends to the eye of some lights. Photons count flux per area of their group's surface; a
     /// surface that leans towards a light more than the group gets more of it.
     #[inline]
-    fn response(&self, vdls: &[ShadedVdl]) -> Rgb {
+    fn response(&self, vdls: &[ShadedVdl], softness: Softness) -> Rgb {
         match &self.surface.bsdf {
             Bsdf::Lambert { albedo } => {
                 let mut sum = Rgb::BLACK;
                 for vdl in vdls {
-                    let cos = self.n_shade.dot(vdl.direction);
-                    sum += vdl.scaled * if cos > 0.0 { cos + GRAZING } else { 0.0 };
+                    sum += vdl.scaled * softness.cos(self.n_shade.dot(vdl.direction));
                 }
                 *albedo * sum * FRAC_1_PI
             }
             bsdf => {
                 let mut sum = Rgb::BLACK;
                 for vdl in vdls {
-                    let cos = self.n_shade.dot(vdl.direction);
-                    if cos > 0.0 {
-                        let wi = self.surface.frame.to_local(vdl.direction);
-                        let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
-                        sum += f_cos * vdl.scaled * ((cos + GRAZING) / wi.z.abs().max(f32::MIN_POSITIVE));
-                    }
+                    let cos = softness.cos(self.n_shade.dot(vdl.direction));
+                    // From where the light's photons that do arrive come on average: never below the horizon.
+                    let wi = self.surface.frame.to_local(vdl.direction);
+                    let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
+                    let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
+                    sum += f_cos * vdl.scaled * (cos / wi.z.abs());
                 }
                 sum
             }

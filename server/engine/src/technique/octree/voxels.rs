@@ -15,8 +15,12 @@ use crate::{
 
 /// Triangles that are cut as one piece of work.
 const CHUNK: usize = 2048;
-/// Groups of a cell at most: six directions of space.
-const SETS_MAX: usize = 6;
+/// Groups of a cell at most: two sheets for each direction of space.
+const SETS_MAX: usize = 12;
+/// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
+const SHEET_CELLS: f32 = 0.25;
+/// Layers that a cell is cut into for telling sheets apart.
+const LAYERS: f32 = 4.0;
 /// Cosine of the angle from a group's mean normal within which a surface joins it.
 const JOINS_COS: f32 = 0.5;
 
@@ -101,6 +105,8 @@ struct Piece {
     surface: u32,
     /// Which of the six axes it faces most.
     axis: u8,
+    /// In which layer of the cell along that axis its triangles' parts have their middles.
+    layer: u8,
     area_m2: f32,
     /// Sums by area.
     centre: Vec3,
@@ -237,7 +243,7 @@ impl Voxels {
             })
             .collect();
         self.area_m2 = all.iter().map(|(_, _, piece)| f64::from(piece.area_m2)).sum();
-        all.par_sort_unstable_by_key(|(code, surface, piece)| (*code, *surface, piece.axis));
+        all.par_sort_unstable_by_key(|(code, surface, piece)| (*code, *surface, piece.axis, piece.layer));
         for cell in all.chunk_by(|a, b| a.0 == b.0) {
             self.codes.push(cell[0].0);
             self.add_sets(cell);
@@ -258,15 +264,22 @@ impl Voxels {
             let (_, surface, piece) = &cell[index];
             let side = SideId::of(*surface, is_front);
             let normal = if is_front { piece.normal } else { -piece.normal };
+            let likeness = |group: &Group| {
+                let n = group.normal.normalize_or_zero();
+                let cos = n.dot(normal) / normal.length();
+                let apart = n.dot(piece.centre / piece.area_m2 - group.centre / group.area_m2).abs();
+                let joins = cos >= JOINS_COS && apart <= SHEET_CELLS * self.cube.cell_m();
+                (joins, cos - apart / self.cube.cell_m())
+            };
             let best = groups
                 .iter()
                 .enumerate()
-                .map(|(place, group)| {
-                    (place, group.normal.dot(normal) / (group.normal.length() * normal.length()))
-                })
-                .max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+                .map(|(place, group)| (place, likeness(group)))
+                .max_by(|(a_place, a), (b_place, b)| {
+                    a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(b_place.cmp(a_place))
+                });
             match best {
-                Some((place, cos)) if cos >= JOINS_COS || groups.len() == SETS_MAX => {
+                Some((place, (joins, _))) if joins || groups.len() == SETS_MAX => {
                     groups[place].add(piece, normal, side);
                 }
                 _ => {
@@ -346,9 +359,10 @@ fn pieces_of(instance: &Arc<Instance>, index: u32, surfaces: &Surfaces, cube: &C
     let mut pieces: Vec<Piece> =
         (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(|chunk| of_chunk(chunk * CHUNK)).collect();
     // By name, then as they came: sums are added up in the order of triangles.
-    pieces.sort_by_key(|piece| (piece.code, piece.surface, piece.axis));
+    pieces.sort_by_key(|piece| (piece.code, piece.surface, piece.axis, piece.layer));
     pieces.dedup_by(|next, kept| {
-        let same = (next.code, next.surface, next.axis) == (kept.code, kept.surface, kept.axis);
+        let name = |piece: &Piece| (piece.code, piece.surface, piece.axis, piece.layer);
+        let same = name(next) == name(kept);
         if same {
             kept.area_m2 += next.area_m2;
             kept.centre += next.centre;
@@ -389,10 +403,14 @@ impl Cut<'_> {
         let high = self.cube.corner(cell + UVec3::ONE, level);
         let Some(patch) = clip_to_box(face.corners, low, high) else { return };
         if patch.area_m2 > 0.0 {
+            let axis = axis_of(face.n);
+            let along = usize::from(axis / 2);
+            let layer = (patch.centroid[along] - low[along]) / size_m * LAYERS;
             self.pieces.push(Piece {
                 code: morton(cell),
                 surface: face.surface,
-                axis: axis_of(face.n),
+                axis,
+                layer: layer.clamp(0.0, LAYERS - 1.0) as u8,
                 area_m2: patch.area_m2,
                 centre: patch.centroid * patch.area_m2,
                 normal: face.n * patch.area_m2,

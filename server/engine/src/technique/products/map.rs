@@ -1,8 +1,8 @@
 //! Photon maps: one per side of every crease surface and class of light, and what is read from them.
 //!
 //! Density estimate E = Σ Φⱼ / A over the photons within the distance r of the k-th nearest, where A is the area of their
-//! own surfaces within that sphere [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
-//! hang off the surface. The k-th photon defines r and does not count itself, which makes the estimate unbiased for even
+//! own surfaces within that distance [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
+//! hang off the surface. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon defines r and does not count itself, which makes the estimate unbiased for even
 //! light. **Biased**: blurs over r. Consistent as photons grow and r shrinks.
 
 use std::{num::NonZeroUsize, sync::Arc};
@@ -105,6 +105,10 @@ pub struct Gather {
     /// Area of the surfaces within that radius, m².
     pub area_m2: f32,
     near: Vec<Near>,
+    /// Within reach, by place in the list of sides.
+    areas: Vec<f32>,
+    /// Sides that do not count.
+    dark: Vec<u32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -120,12 +124,24 @@ pub const FACING_COS: f32 = 0.5;
 /// Photons of a gather that must face its normal; with fewer all count.
 const FACING_MIN: usize = 8;
 
+/// A side counts as dark if it has at most this share of the photons that it would have if all sides were lit alike …
+const DARK_SHARE: f32 = 1.0 / 16.0;
+/// … and would have at least these.
+const DARK_EXPECTED_MIN: f32 = 8.0;
+
+/// How many times distances along the gather's normal count: photons lie within an ellipsoid as flat as that.
+pub(super) const FLATNESS: f32 = 2.5;
+/// A search that found too few looks so many times as far next.
+const GROWTH: f32 = 1.5;
+/// Share of the farthest radius at which a search for some number begins.
+const FIRST_GUESS: f32 = 0.25;
+
 /// Where and how far to gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GatherBounds {
     /// Middle, render space.
     pub centre: Vec3,
-    /// Where the surfaces face, unit.
+    /// Where the surfaces face, unit. Distances along it count [`FLATNESS`] times: what lies above or below is another sheet.
     pub normal: Vec3,
     /// Radius to be content with, m, if that many photons lie within it …
     pub radius_m: f32,
@@ -135,6 +151,14 @@ pub struct GatherBounds {
     pub count_max: NonZeroUsize,
     /// Where fewer than `count_min` lie within `radius_m`, the nearest of them count that lie within this radius, m.
     pub radius_max_m: f32,
+}
+
+impl GatherBounds {
+    /// From the middle to a point in the space in which the ellipsoid of the gather is a sphere, m.
+    pub(super) fn flattened_from(&self, p: Vec3) -> Vec3 {
+        let from = p - self.centre;
+        from + self.normal * ((FLATNESS - 1.0) * self.normal.dot(from))
+    }
 }
 
 impl PhotonMaps {
@@ -223,13 +247,20 @@ impl PhotonMaps {
         gather.near.clear();
         gather.radius_m = bounds.radius_m.min(bounds.radius_max_m);
         if bounds.radius_m < bounds.radius_max_m {
-            // Everything within a radius is found several times faster than the nearest of some number.
-            lit().for_each(|(side, map)| gather.add_within(side, map, bounds.centre));
+            lit().for_each(|(side, map)| gather.add_within(side, map, bounds));
         }
         if gather.near.len() < bounds.count_min.get() {
-            gather.near.clear();
-            gather.radius_m = bounds.radius_max_m;
-            lit().for_each(|(side, map)| gather.add_nearest(side, map, bounds));
+            // Everything within a radius, too large by a little, is found several times faster than the nearest of some number.
+            let first = if bounds.radius_m < bounds.radius_max_m { gather.radius_m } else { 0.0 };
+            gather.radius_m = (first * GROWTH).max(bounds.radius_max_m * FIRST_GUESS).min(bounds.radius_max_m);
+            loop {
+                gather.near.clear();
+                lit().for_each(|(side, map)| gather.add_within(side, map, bounds));
+                if gather.near.len() >= bounds.count_min.get() || gather.radius_m >= bounds.radius_max_m {
+                    break;
+                }
+                gather.radius_m = (gather.radius_m * GROWTH).min(bounds.radius_max_m);
+            }
             gather.close_in(bounds.count_min.get());
         } else {
             gather.close_in(bounds.count_max.get());
@@ -249,53 +280,60 @@ impl PhotonMaps {
         let facing_count = gather.near.iter().filter(|near| faces(near)).count();
         let is_oriented = facing_count >= FACING_MIN || facing_count == gather.near.len();
         let facing_cos = if is_oriented { FACING_COS } else { -2.0 };
-        gather.area_m2 =
-            self.area_within(class, sides, bounds, Reach { radius_m: gather.radius_m, facing_cos });
+        gather.near.retain(|near| {
+            let photon = maps[near.side as usize].as_ref().map(|map| map.photons[near.item as usize]);
+            photon.is_some_and(|photon| octahedral::decode(photon.normal).dot(bounds.normal) >= facing_cos)
+        });
+        self.measure_sides(sides, bounds, Reach { radius_m: gather.radius_m, facing_cos }, gather);
         if !(gather.area_m2 > 0.0) {
             return;
         }
         let per_area = 1.0 / gather.area_m2;
-        gather.photons.extend(gather.near.iter().filter_map(|near| {
+        let dark = &gather.dark;
+        gather.photons.extend(gather.near.iter().filter(|near| !dark.contains(&near.side)).filter_map(|near| {
             let photon = maps[near.side as usize].as_ref()?.photons[near.item as usize];
-            let faces = octahedral::decode(photon.normal).dot(bounds.normal) >= facing_cos;
-            faces.then(|| GatheredPhoton {
+            Some(GatheredPhoton {
                 direction: octahedral::decode(photon.direction),
                 irradiance: photon.flux * per_area,
             })
         }));
     }
 
-    /// Area of the surfaces of some sides within a radius that face within a cosine of the normal: of both sides where both
-    /// are asked for, since the photons of both count; but of none that no photon of the class falls on anywhere. Such are
-    /// mostly the insides of walls and shells, which nobody sees, and which would take their share of the light.
-    fn area_within(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, reach: Reach) -> f32 {
-        let lit = sides.iter().filter(|side| self.sides[class][side.index()].is_some());
-        lit.map(|side| self.surfaces.area_in_sphere(*side, bounds, reach)).sum()
-    }
-
-    /// Photons of a class of [`MAPPED`], by its place there, fall on a side.
-    pub fn is_lit(&self, class: usize, side: SideId) -> bool {
-        self.sides[class][side.index()].is_some()
+    /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
+    /// photons of both count; but of none that next to no photon falls on where many would if all were lit alike. Such are
+    /// mostly the insides of walls, shells and vaults, which nobody sees, and which would take their share of the light.
+    fn measure_sides(&self, sides: &[SideId], bounds: &GatherBounds, reach: Reach, gather: &mut Gather) {
+        gather.dark.clear();
+        gather.areas.clear();
+        gather.areas.extend(sides.iter().map(|side| self.surfaces.area_within(*side, bounds, reach)));
+        let all_m2: f32 = gather.areas.iter().sum();
+        let per_m2 = gather.near.len() as f32 / all_m2;
+        for (side, area_m2) in sides.iter().zip(&gather.areas) {
+            let expected = per_m2 * area_m2;
+            let side = side.index() as u32;
+            let count = gather.near.iter().filter(|near| near.side == side).count();
+            if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
+                gather.dark.push(side);
+            } else {
+                gather.area_m2 += area_m2;
+            }
+        }
     }
 }
 
 impl Gather {
-    fn add_within(&mut self, side: SideId, map: &SideMap, centre: Vec3) {
-        let centre = centre.to_array();
-        let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(self.radius_m * self.radius_m);
-        self.add(side, within.unsorted().execute().iter().map(|near| (near.distance, near.item)));
-    }
-
-    fn add_nearest(&mut self, side: SideId, map: &SideMap, bounds: &GatherBounds) {
+    /// Adds what lies within `self.radius_m` on a side.
+    fn add_within(&mut self, side: SideId, map: &SideMap, bounds: &GatherBounds) {
+        let radius2 = self.radius_m * self.radius_m;
         let centre = bounds.centre.to_array();
-        let nearest = map.tree.query(&centre).nearest_n::<SquaredEuclidean<f32>>(bounds.count_min);
-        let found = nearest.within(bounds.radius_max_m * bounds.radius_max_m).unsorted().execute();
-        self.add(side, found.iter().map(|near| (near.distance, near.item)));
-    }
-
-    fn add(&mut self, side: SideId, found: impl Iterator<Item = (f32, u32)>) {
+        let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(radius2);
         let side = side.index() as u32;
-        self.near.extend(found.map(|(distance2, item)| Near { distance2, side, item }));
+        let near = within.unsorted().execute().into_iter().map(|near| Near {
+            distance2: bounds.flattened_from(map.photons[near.item as usize].position).length_squared(),
+            side,
+            item: near.item,
+        });
+        self.near.extend(near.filter(|near| near.distance2 <= radius2));
     }
 
     /// Keeps those nearer than the k-th and sets the radius to its distance; keeps all when there are fewer.

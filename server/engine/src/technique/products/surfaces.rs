@@ -1,16 +1,16 @@
-//! The crease surfaces of a scene, instance by instance, and how much of them lies within a sphere.
+//! The crease surfaces of a scene, instance by instance, and how much of them lies within a gather.
 //!
 //! A surface has two sides, and a photon map for each: what falls on one side of a wall must not light the other.
 
 use std::{collections::HashMap, num::NonZeroUsize, sync::Arc};
 
 use glam::{Mat3, Vec3};
-use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::{
     crease::CreaseSurfaces,
-    map::{GatherBounds, Reach},
+    map::{FLATNESS, GatherBounds, Reach},
     patch,
 };
 use crate::{
@@ -78,7 +78,10 @@ struct InstanceSurfaces {
 #[derive(Debug)]
 struct Extent {
     /// Those gone through one by one.
-    singles: Vec<u32>,
+    singles: Vec<TriangleFacts>,
+    /// A sphere around them: its middle, and its radius, m.
+    singles_middle: Vec3,
+    singles_reach_m: f32,
     /// The others, by their middles.
     tree: Option<Middles>,
     /// Of all of them, m².
@@ -99,19 +102,20 @@ struct TriangleFacts {
     area_m2: f32,
     /// Of its front, unit; zero for one without area.
     normal: Vec3,
+    middle: Vec3,
     /// Farthest corner from its middle, m.
     reach_m: f32,
 }
 
 impl TriangleFacts {
-    fn of(instance: &Instance, triangle: u32) -> (Vec3, TriangleFacts) {
+    fn of(instance: &Instance, triangle: u32) -> TriangleFacts {
         let [a, b, c] = corners(instance, triangle);
         // A mirroring transform turns the winding round, not the front.
         let n = (b - a).cross(c - a) * instance.handedness();
         let middle = (a + b + c) / 3.0;
         let reach_m = a.distance(middle).max(b.distance(middle)).max(c.distance(middle));
         let area_m2 = 0.5 * n.length();
-        (middle, TriangleFacts { triangle, area_m2, normal: n.normalize_or_zero(), reach_m })
+        TriangleFacts { triangle, area_m2, normal: n.normalize_or_zero(), middle, reach_m }
     }
 }
 
@@ -184,13 +188,13 @@ impl Surfaces {
         self.instances[instance as usize].crease.surface_of(triangle)
     }
 
-    /// Area of what a side of a surface turns to the gather's normal, within a cosine of it, in a sphere around its middle,
-    /// m².
-    pub(super) fn area_in_sphere(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> f32 {
+    /// Area of what a side of a surface turns to the gather's normal, within a cosine of it, in the ellipsoid around its
+    /// middle, m².
+    pub(super) fn area_within(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> f32 {
         let (instance, surface) = self.place_of(side.surface());
         let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
         let bounds = GatherBounds { normal, ..*bounds };
-        self.instances[instance].area_in_sphere(surface, &bounds, reach)
+        self.instances[instance].area_within(surface, &bounds, reach)
     }
 
     /// Area of a surface, m².
@@ -223,7 +227,7 @@ impl Surfaces {
         let extents = self.instances.iter().flat_map(|instance| &instance.surfaces);
         let triangles: usize = extents
             .map(|extent| {
-                4 * extent.singles.len()
+                size_of::<TriangleFacts>() * extent.singles.len()
                     // kiddo keeps a position and a number for each.
                     + extent.tree.as_ref().map_or(0, |m| (16 + size_of::<TriangleFacts>()) * m.facts.len())
             })
@@ -239,7 +243,7 @@ impl InstanceSurfaces {
         for triangle in 0..instance.mesh().triangles().len() as u32 {
             triangles[crease.surface_of(triangle) as usize].push(triangle);
         }
-        let surfaces = triangles.into_iter().map(|triangles| Extent::of(instance, triangles)).collect();
+        let surfaces = triangles.iter().map(|triangles| Extent::of(instance, triangles)).collect();
         InstanceSurfaces { instance: instance.clone(), crease, surfaces }
     }
 
@@ -268,40 +272,49 @@ impl InstanceSurfaces {
         corners(&self.instance, triangle)
     }
 
-    fn area_in_sphere(
-        &self,
-        surface: u32,
-        bounds: &GatherBounds,
-        Reach { radius_m, facing_cos }: Reach,
-    ) -> f32 {
+    fn area_within(&self, surface: u32, bounds: &GatherBounds, Reach { radius_m, facing_cos }: Reach) -> f32 {
         let extent = &self.surfaces[surface as usize];
-        let faces = |facts: &TriangleFacts| facts.normal.dot(bounds.normal) >= facing_cos;
-        let exact = |triangle: u32| patch::area_in_sphere(self.corners(triangle), bounds.centre, radius_m);
-        let single = |triangle: &u32| {
-            let (_, facts) = TriangleFacts::of(&self.instance, *triangle);
-            if faces(&facts) { exact(*triangle) } else { 0.0 }
+        let exact = |triangle: u32| {
+            // Flattening stretches all parts of a triangle alike.
+            let corners = self.corners(triangle);
+            let flattened = corners.map(|corner| bounds.flattened_from(corner));
+            let area_m2 = patch::area_in_sphere(flattened, Vec3::ZERO, radius_m);
+            if area_m2 > 0.0 { area_m2 * area(corners) / area(flattened) } else { 0.0 }
         };
-        let mut sum: f32 = extent.singles.iter().map(single).sum();
+        let area = |facts: &TriangleFacts| {
+            let cos = facts.normal.dot(bounds.normal);
+            if cos < facing_cos {
+                return 0.0;
+            }
+            // The more a triangle leans, the more flattening makes it reach farther.
+            let stretched2 = 1.0 + (FLATNESS * FLATNESS - 1.0) * (1.0 - cos * cos).max(0.0);
+            let reach_m = facts.reach_m * stretched2.sqrt();
+            let distance_m = bounds.flattened_from(facts.middle).length();
+            if distance_m >= radius_m + reach_m {
+                0.0
+            } else if distance_m + reach_m <= radius_m {
+                facts.area_m2
+            } else {
+                exact(facts.triangle)
+            }
+        };
+        let mut sum = 0.0;
+        if extent.singles_middle.distance(bounds.centre) < radius_m + extent.singles_reach_m {
+            sum += extent.singles.iter().map(area).sum::<f32>();
+        }
         if let Some(middles) = &extent.tree {
             let centre = bounds.centre.to_array();
             let farthest_m = radius_m + middles.reach_m;
             let within = middles.tree.query(&centre).within::<SquaredEuclidean<f32>>(farthest_m * farthest_m);
             let near = within.unsorted().execute();
-            let area = |near: &QueryResultItem<(), u32, f32>| {
-                let facts = &middles.facts[near.item as usize];
-                let distance_m = near.distance.sqrt();
-                if !faces(facts) || distance_m >= radius_m + facts.reach_m {
-                    0.0
-                } else if distance_m + facts.reach_m <= radius_m {
-                    facts.area_m2
-                } else {
-                    exact(facts.triangle)
-                }
-            };
-            sum += near.iter().map(area).sum::<f32>();
+            sum += near.iter().map(|near| area(&middles.facts[near.item as usize])).sum::<f32>();
         }
         sum
     }
+}
+
+fn area([a, b, c]: [Vec3; 3]) -> f32 {
+    0.5 * (b - a).cross(c - a).length()
 }
 
 fn linear_of(instance: &Instance) -> Mat3 {
@@ -329,30 +342,34 @@ fn corners(instance: &Instance, triangle: u32) -> [Vec3; 3] {
 }
 
 impl Extent {
-    fn of(instance: &Instance, triangles: Vec<u32>) -> Extent {
-        let facts: Vec<(Vec3, TriangleFacts)> =
+    fn of(instance: &Instance, triangles: &[u32]) -> Extent {
+        let facts: Vec<TriangleFacts> =
             triangles.iter().map(|triangle| TriangleFacts::of(instance, *triangle)).collect();
-        let area_m2 = facts.iter().map(|(_, facts)| facts.area_m2).sum();
-        let alone = Extent { singles: triangles, tree: None, area_m2 };
-        if alone.singles.len() <= FEW {
-            return alone;
+        let area_m2 = facts.iter().map(|facts| facts.area_m2).sum();
+        if facts.len() <= FEW {
+            return Extent::with(facts, None, area_m2);
         }
-        let mut reaches: Vec<f32> = facts.iter().map(|(_, facts)| facts.reach_m).collect();
+        let mut reaches: Vec<f32> = facts.iter().map(|facts| facts.reach_m).collect();
         let half = reaches.len() / 2;
         let (_, median, _) = reaches.select_nth_unstable_by(half, f32::total_cmp);
         let large = *median * LARGE;
-        let (singles, rest): (Vec<_>, Vec<_>) =
-            facts.into_iter().partition(|(_, facts)| facts.reach_m > large);
-        let middles: Vec<[f32; 3]> = rest.iter().map(|(middle, _)| middle.to_array()).collect();
-        let facts: Vec<TriangleFacts> = rest.into_iter().map(|(_, facts)| facts).collect();
+        let (singles, facts): (Vec<_>, Vec<_>) = facts.into_iter().partition(|facts| facts.reach_m > large);
+        let middles: Vec<[f32; 3]> = facts.iter().map(|facts| facts.middle.to_array()).collect();
         let reach_m = facts.iter().map(|facts| facts.reach_m).fold(0.0, f32::max);
-        // Only more items than u32 can count are refused; scenes hold fewer triangles.
-        let Some(tree) = tree_over(&middles) else { return alone };
-        Extent {
-            singles: singles.into_iter().map(|(_, facts)| facts.triangle).collect(),
-            tree: Some(Middles { tree, facts, reach_m }),
-            area_m2,
+        match tree_over(&middles) {
+            Some(tree) => Extent::with(singles, Some(Middles { tree, facts, reach_m }), area_m2),
+            // Only more items than u32 can count are refused; scenes hold fewer triangles.
+            None => Extent::with(singles.into_iter().chain(facts).collect(), None, area_m2),
         }
+    }
+
+    fn with(singles: Vec<TriangleFacts>, tree: Option<Middles>, area_m2: f32) -> Extent {
+        let count = singles.len().max(1) as f32;
+        let singles_middle = singles.iter().map(|facts| facts.middle / count).sum();
+        let reach_m = |facts: &TriangleFacts| facts.middle.distance(singles_middle) + facts.reach_m;
+        // A little more than rounding may take away.
+        let singles_reach_m = singles.iter().map(reach_m).fold(0.0, f32::max) * 1.001;
+        Extent { singles, singles_middle, singles_reach_m, tree, area_m2 }
     }
 }
 
