@@ -158,6 +158,35 @@ fn the_inside_of_a_plate_takes_no_light() {
     assert!((sum / expected - 1.0).abs() < 0.04, "{sum} for {expected}");
 }
 
+/// The floor of a closed box and its lid, both facing up within one cell, are sheets of their own: on the one falls what the
+/// lid outside gets in a furnace, on the other nothing.
+#[test]
+fn sheets_within_a_cell_do_not_mix() {
+    let furnace = samples::furnace(0.6, 0.25).unwrap();
+    let mut builder = SceneBuilder::from_scene(&furnace, SceneLimits::default());
+    let outwards = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
+    builder.set_material(id("outwards".into()), outwards).unwrap();
+    let mut settings = settings(400_000, 4);
+    settings.octree = settings.octree.gathering(NonZeroUsize::new(300).unwrap());
+    // Cells are an eighth of a metre wide.
+    let (low, high) = (DVec3::new(-0.5, -0.03, -0.5), DVec3::new(0.5, 0.03, 0.5));
+    let closed = samples::cuboid(low, high, &id("outwards".into()));
+    builder.add_mesh(id("closed".into()), closed).unwrap();
+    let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(id("closed".into())) };
+    builder.add_node(id("closed".into()), node).unwrap();
+    let world = world_of(builder.finish().0);
+    let light = Caches::complete(settings, &world);
+    let octree = light.octree.octree().unwrap();
+    let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0);
+    let mean = |y: f32| {
+        let at = |i: i32| Vec3::new((i % 9 - 4) as f32 * 0.1, y, (i / 9 - 4) as f32 * 0.1);
+        (0..81).map(|i| octree.irradiance(at(i), Vec3::Y)[0].mean()).sum::<f32>() / 81.0
+    };
+    let [lid, floor] = [mean(0.03), mean(-0.03)];
+    assert!((lid / expected - 1.0).abs() < 0.04, "{lid} for {expected}");
+    assert!(floor < 0.08 * expected, "{floor} where it is dark, of {expected}");
+}
+
 /// Numbers for choosing edits.
 struct Dice {
     key: u64,

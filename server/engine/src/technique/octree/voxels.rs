@@ -271,13 +271,11 @@ impl Voxels {
                 let joins = cos >= JOINS_COS && apart <= SHEET_CELLS * self.cube.cell_m();
                 (joins, cos - apart / self.cube.cell_m())
             };
-            let best = groups
-                .iter()
-                .enumerate()
-                .map(|(place, group)| (place, likeness(group)))
-                .max_by(|(a_place, a), (b_place, b)| {
+            let best = groups.iter().enumerate().map(|(place, group)| (place, likeness(group))).max_by(
+                |(a_place, a), (b_place, b)| {
                     a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(b_place.cmp(a_place))
-                });
+                },
+            );
             match best {
                 Some((place, (joins, _))) if joins || groups.len() == SETS_MAX => {
                     groups[place].add(piece, normal, side);

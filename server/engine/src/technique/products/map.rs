@@ -252,7 +252,8 @@ impl PhotonMaps {
         if gather.near.len() < bounds.count_min.get() {
             // Everything within a radius, too large by a little, is found several times faster than the nearest of some number.
             let first = if bounds.radius_m < bounds.radius_max_m { gather.radius_m } else { 0.0 };
-            gather.radius_m = (first * GROWTH).max(bounds.radius_max_m * FIRST_GUESS).min(bounds.radius_max_m);
+            gather.radius_m =
+                (first * GROWTH).max(bounds.radius_max_m * FIRST_GUESS).min(bounds.radius_max_m);
             loop {
                 gather.near.clear();
                 lit().for_each(|(side, map)| gather.add_within(side, map, bounds));
@@ -290,13 +291,15 @@ impl PhotonMaps {
         }
         let per_area = 1.0 / gather.area_m2;
         let dark = &gather.dark;
-        gather.photons.extend(gather.near.iter().filter(|near| !dark.contains(&near.side)).filter_map(|near| {
-            let photon = maps[near.side as usize].as_ref()?.photons[near.item as usize];
-            Some(GatheredPhoton {
-                direction: octahedral::decode(photon.direction),
-                irradiance: photon.flux * per_area,
-            })
-        }));
+        gather.photons.extend(gather.near.iter().filter(|near| !dark.contains(&near.side)).filter_map(
+            |near| {
+                let photon = maps[near.side as usize].as_ref()?.photons[near.item as usize];
+                Some(GatheredPhoton {
+                    direction: octahedral::decode(photon.direction),
+                    irradiance: photon.flux * per_area,
+                })
+            },
+        ));
     }
 
     /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
