@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl, Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl, Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
     tree::Nodes,
@@ -218,7 +218,7 @@ impl Building {
             old.eq(self.voxels.sides_of(new).iter().map(|side| Some(*side)))
         };
         let is_kept = |(place, (old, new)): (usize, (&VoxelSet, &VoxelSet))| {
-            let light = &octree.sets[first + place];
+            let light = &octree.gathers[first + place];
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && same_sides(old, new)
                 && !(0..MAPPED.len()).any(|class| {
@@ -284,6 +284,7 @@ impl Building {
     /// The finished octree.
     pub(super) fn finish(self) -> LightOctree {
         let mut sets = Vec::with_capacity(self.light.len());
+        let mut gathers = Vec::with_capacity(self.light.len());
         let mut vdls: Vec<Vdl> = Vec::new();
         let mut shaded = Vec::new();
         let mut harmonics = Vec::new();
@@ -303,9 +304,9 @@ impl Building {
                 plane_m: set.normal.dot(set.centre),
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
-                radius_m: light.radius_m,
-                chord_rms: light.spread.chord_rms,
+                softness,
             });
+            gathers.push(LeafGather { radius_m: light.radius_m, chord_rms: light.spread.chord_rms });
         }
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
         LightOctree {
@@ -315,6 +316,7 @@ impl Building {
             radius_max_m: self.radius_max_m,
             nodes,
             sets,
+            gathers,
             vdls,
             shaded,
             harmonics,
@@ -325,12 +327,12 @@ impl Building {
 
 impl LightOctree {
     fn light_of_set(&self, set: usize) -> SetLight {
-        let leaf = &self.sets[set];
+        let (leaf, gather) = (&self.sets[set], &self.gathers[set]);
         SetLight {
             vdls: [0, 1].map(|class| self.vdls_of(leaf, class).to_vec()),
             harmonics: self.harmonics.get(set).copied(),
-            radius_m: leaf.radius_m,
-            spread: Spread { chord_rms: leaf.chord_rms, ..Spread::default() },
+            radius_m: gather.radius_m,
+            spread: Spread { chord_rms: gather.chord_rms, ..Spread::default() },
         }
     }
 }

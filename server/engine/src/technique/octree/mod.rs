@@ -113,6 +113,8 @@ pub struct LightOctree {
     radius_max_m: f32,
     nodes: Nodes,
     sets: Vec<LeafSet>,
+    /// Of each group.
+    gathers: Vec<LeafGather>,
     vdls: Vec<Vdl>,
     /// `vdls` as shading asks for them.
     shaded: Vec<ShadedVdl>,
@@ -139,25 +141,24 @@ impl ShadedVdl {
 
 /// How gently the cosine with a light ends below the horizon: a light stands for photons from around its direction, some of
 /// which still reach a surface that has turned away from it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Softness {
     reach: f32,
-    per_reach: f32,
 }
 
 impl Softness {
     /// Where photons lie `chord_rms` around their light: with a deviation of σ = chord / √2 to either side, a normal
     /// distribution has a mean cosine of σ / √(2π) at the horizon, and next to none 1.6 σ below it.
     fn of(chord_rms: f32) -> Softness {
-        let reach = (2.0 * chord_rms / std::f32::consts::PI.sqrt()).clamp(SOFTNESS_MIN, 1.0);
-        Softness { reach, per_reach: 0.25 / reach }
+        let reach = 2.0 * chord_rms / std::f32::consts::PI.sqrt();
+        Softness { reach: reach.clamp(SOFTNESS_MIN, 1.0) }
     }
 
     /// The mean of max(cos, 0) over the light's photons, about.
     #[inline]
     fn cos(self, cos: f32) -> f32 {
         let above = (cos + self.reach).max(0.0);
-        if cos > self.reach { cos } else { above * above * self.per_reach }
+        if cos > self.reach { cos } else { above * above * (0.25 / self.reach) }
     }
 }
 
@@ -170,6 +171,12 @@ struct LeafSet {
     /// Where the lights of each class start.
     first_vdl: [u32; 2],
     end_vdl: u32,
+    softness: Softness,
+}
+
+/// How the light of a group came to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct LeafGather {
     /// By class: nothing farther away had any influence, m.
     radius_m: [f32; 2],
     chord_rms: f32,
@@ -210,7 +217,7 @@ impl LightOctree {
     /// Memory of nodes, cells, pieces of surface and lights.
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
-            + self.sets.len() * size_of::<LeafSet>()
+            + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
             + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
             + self.harmonics.len() * size_of::<[Harmonics; 2]>()
             + self.voxels.bytes()
@@ -224,6 +231,7 @@ impl LightOctree {
             && self.voxels.codes == other.voxels.codes
             && self.voxels.first_set == other.voxels.first_set
             && self.sets == other.sets
+            && self.gathers == other.gathers
             && self.vdls == other.vdls
             && self.harmonics == other.harmonics
     }
@@ -235,9 +243,10 @@ impl LightOctree {
 
     /// Angle between photons and the direction of their light, degrees: root mean square over groups that have any.
     pub fn spread_degrees(&self) -> f32 {
-        let lit = self.sets.iter().filter(|set| set.first_vdl[1] > set.first_vdl[0]);
-        let (count, sum) =
-            lit.fold((0u32, 0.0f64), |(count, sum), set| (count + 1, sum + f64::from(set.chord_rms).powi(2)));
+        let lit = self.sets.iter().zip(&self.gathers).filter(|(set, _)| set.first_vdl[1] > set.first_vdl[0]);
+        let (count, sum) = lit.fold((0u32, 0.0f64), |(count, sum), (_, gather)| {
+            (count + 1, sum + f64::from(gather.chord_rms).powi(2))
+        });
         let chord_rms = (sum / f64::from(count.max(1))).sqrt() as f32;
         Spread { chord_rms, ..Spread::default() }.degrees()
     }
@@ -343,7 +352,7 @@ impl SecondaryLight for LightOctree {
                 return;
             }
             let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
-            let softness = Softness::of(set.chord_rms);
+            let softness = set.softness;
             sums[0] += shading.response(&self.shaded[first..first_caustic], softness) * weight;
             if first_caustic < set.end_vdl as usize {
                 let caustic = &self.shaded[first_caustic..set.end_vdl as usize];

@@ -1,6 +1,7 @@
 //! What techniques make for each other: photon maps over the surfaces of the scene, and caches of the light there.
 
 mod crease;
+mod extent;
 mod map;
 mod patch;
 mod surfaces;

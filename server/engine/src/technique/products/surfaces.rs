@@ -2,27 +2,20 @@
 //!
 //! A surface has two sides, and a photon map for each: what falls on one side of a wall must not light the other.
 
-use std::{collections::HashMap, num::NonZeroUsize, sync::Arc};
+use std::{collections::HashMap, sync::Arc};
 
 use glam::{Mat3, Vec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use super::{
     crease::CreaseSurfaces,
-    map::{FLATNESS, GatherBounds, Reach},
-    patch,
+    extent::Extent,
+    map::{GatherBounds, Reach},
 };
 use crate::{
     accel::{Accel, Instance},
     scene::Mesh,
 };
-
-/// Surfaces of so few triangles are gone through one by one.
-const FEW: usize = 24;
-/// Triangles that reach so many times as far as the median one are gone through one by one as well: the search for the
-/// others stays narrow.
-const LARGE: f32 = 4.0;
 
 /// One side of one crease surface: twice the surface's number, plus one for the back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -72,57 +65,6 @@ struct InstanceSurfaces {
     instance: Arc<Instance>,
     crease: Arc<CreaseSurfaces>,
     surfaces: Vec<Extent>,
-}
-
-/// Where the triangles of a surface lie.
-#[derive(Debug)]
-struct Extent {
-    /// Those gone through one by one.
-    singles: Vec<TriangleFacts>,
-    /// A sphere around them: its middle, and its radius, m.
-    singles_middle: Vec3,
-    singles_reach_m: f32,
-    /// The others, by their middles.
-    tree: Option<Middles>,
-    /// Of all of them, m².
-    area_m2: f32,
-}
-
-struct Middles {
-    tree: ImmutableKdTree<f32, 3>,
-    facts: Vec<TriangleFacts>,
-    /// Farthest corner of any of them from its middle, m.
-    reach_m: f32,
-}
-
-/// What most triangles are judged by: only those at a sphere's rim are cut.
-#[derive(Clone, Copy, Debug)]
-struct TriangleFacts {
-    triangle: u32,
-    area_m2: f32,
-    /// Of its front, unit; zero for one without area.
-    normal: Vec3,
-    middle: Vec3,
-    /// Farthest corner from its middle, m.
-    reach_m: f32,
-}
-
-impl TriangleFacts {
-    fn of(instance: &Instance, triangle: u32) -> TriangleFacts {
-        let [a, b, c] = corners(instance, triangle);
-        // A mirroring transform turns the winding round, not the front.
-        let n = (b - a).cross(c - a) * instance.handedness();
-        let middle = (a + b + c) / 3.0;
-        let reach_m = a.distance(middle).max(b.distance(middle)).max(c.distance(middle));
-        let area_m2 = 0.5 * n.length();
-        TriangleFacts { triangle, area_m2, normal: n.normalize_or_zero(), middle, reach_m }
-    }
-}
-
-impl std::fmt::Debug for Middles {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Middles").field("triangles", &self.facts.len()).finish()
-    }
 }
 
 /// All crease surfaces of a scene [Larsen2004, 8.1].
@@ -200,7 +142,7 @@ impl Surfaces {
     /// Area of a surface, m².
     pub fn area_m2(&self, surface: u32) -> f32 {
         let (instance, surface) = self.place_of(surface);
-        self.instances[instance].surfaces[surface as usize].area_m2
+        self.instances[instance].surfaces[surface as usize].area_m2()
     }
 
     /// The instance of a surface, and its number there.
@@ -225,13 +167,7 @@ impl Surfaces {
     /// Memory.
     pub fn bytes(&self) -> usize {
         let extents = self.instances.iter().flat_map(|instance| &instance.surfaces);
-        let triangles: usize = extents
-            .map(|extent| {
-                size_of::<TriangleFacts>() * extent.singles.len()
-                    // kiddo keeps a position and a number for each.
-                    + extent.tree.as_ref().map_or(0, |m| (16 + size_of::<TriangleFacts>()) * m.facts.len())
-            })
-            .sum();
+        let triangles: usize = extents.map(Extent::bytes).sum();
         triangles + self.instances.iter().map(|instance| instance.crease.bytes()).sum::<usize>()
     }
 }
@@ -243,7 +179,10 @@ impl InstanceSurfaces {
         for triangle in 0..instance.mesh().triangles().len() as u32 {
             triangles[crease.surface_of(triangle) as usize].push(triangle);
         }
-        let surfaces = triangles.iter().map(|triangles| Extent::of(instance, triangles)).collect();
+        let surfaces = triangles
+            .iter()
+            .map(|of_one| Extent::of(of_one, |triangle| corners(instance, triangle), instance.handedness()))
+            .collect();
         InstanceSurfaces { instance: instance.clone(), crease, surfaces }
     }
 
@@ -268,53 +207,10 @@ impl InstanceSurfaces {
         )
     }
 
-    fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        corners(&self.instance, triangle)
+    fn area_within(&self, surface: u32, bounds: &GatherBounds, reach: Reach) -> f32 {
+        let corners = |triangle| corners(&self.instance, triangle);
+        self.surfaces[surface as usize].area_within(bounds, reach, corners)
     }
-
-    fn area_within(&self, surface: u32, bounds: &GatherBounds, Reach { radius_m, facing_cos }: Reach) -> f32 {
-        let extent = &self.surfaces[surface as usize];
-        let exact = |triangle: u32| {
-            // Flattening stretches all parts of a triangle alike.
-            let corners = self.corners(triangle);
-            let flattened = corners.map(|corner| bounds.flattened_from(corner));
-            let area_m2 = patch::area_in_sphere(flattened, Vec3::ZERO, radius_m);
-            if area_m2 > 0.0 { area_m2 * area(corners) / area(flattened) } else { 0.0 }
-        };
-        let area = |facts: &TriangleFacts| {
-            let cos = facts.normal.dot(bounds.normal);
-            if cos < facing_cos {
-                return 0.0;
-            }
-            // The more a triangle leans, the more flattening makes it reach farther.
-            let stretched2 = 1.0 + (FLATNESS * FLATNESS - 1.0) * (1.0 - cos * cos).max(0.0);
-            let reach_m = facts.reach_m * stretched2.sqrt();
-            let distance_m = bounds.flattened_from(facts.middle).length();
-            if distance_m >= radius_m + reach_m {
-                0.0
-            } else if distance_m + reach_m <= radius_m {
-                facts.area_m2
-            } else {
-                exact(facts.triangle)
-            }
-        };
-        let mut sum = 0.0;
-        if extent.singles_middle.distance(bounds.centre) < radius_m + extent.singles_reach_m {
-            sum += extent.singles.iter().map(area).sum::<f32>();
-        }
-        if let Some(middles) = &extent.tree {
-            let centre = bounds.centre.to_array();
-            let farthest_m = radius_m + middles.reach_m;
-            let within = middles.tree.query(&centre).within::<SquaredEuclidean<f32>>(farthest_m * farthest_m);
-            let near = within.unsorted().execute();
-            sum += near.iter().map(|near| area(&middles.facts[near.item as usize])).sum::<f32>();
-        }
-        sum
-    }
-}
-
-fn area([a, b, c]: [Vec3; 3]) -> f32 {
-    0.5 * (b - a).cross(c - a).length()
 }
 
 fn linear_of(instance: &Instance) -> Mat3 {
@@ -339,41 +235,4 @@ fn keeps_angles(linear: Mat3) -> bool {
 
 fn corners(instance: &Instance, triangle: u32) -> [Vec3; 3] {
     instance.mesh().triangles()[triangle as usize].map(|vertex| instance.vertex_in_render(vertex))
-}
-
-impl Extent {
-    fn of(instance: &Instance, triangles: &[u32]) -> Extent {
-        let facts: Vec<TriangleFacts> =
-            triangles.iter().map(|triangle| TriangleFacts::of(instance, *triangle)).collect();
-        let area_m2 = facts.iter().map(|facts| facts.area_m2).sum();
-        if facts.len() <= FEW {
-            return Extent::with(facts, None, area_m2);
-        }
-        let mut reaches: Vec<f32> = facts.iter().map(|facts| facts.reach_m).collect();
-        let half = reaches.len() / 2;
-        let (_, median, _) = reaches.select_nth_unstable_by(half, f32::total_cmp);
-        let large = *median * LARGE;
-        let (singles, facts): (Vec<_>, Vec<_>) = facts.into_iter().partition(|facts| facts.reach_m > large);
-        let middles: Vec<[f32; 3]> = facts.iter().map(|facts| facts.middle.to_array()).collect();
-        let reach_m = facts.iter().map(|facts| facts.reach_m).fold(0.0, f32::max);
-        match tree_over(&middles) {
-            Some(tree) => Extent::with(singles, Some(Middles { tree, facts, reach_m }), area_m2),
-            // Only more items than u32 can count are refused; scenes hold fewer triangles.
-            None => Extent::with(singles.into_iter().chain(facts).collect(), None, area_m2),
-        }
-    }
-
-    fn with(singles: Vec<TriangleFacts>, tree: Option<Middles>, area_m2: f32) -> Extent {
-        let count = singles.len().max(1) as f32;
-        let singles_middle = singles.iter().map(|facts| facts.middle / count).sum();
-        let reach_m = |facts: &TriangleFacts| facts.middle.distance(singles_middle) + facts.reach_m;
-        // A little more than rounding may take away.
-        let singles_reach_m = singles.iter().map(reach_m).fold(0.0, f32::max) * 1.001;
-        Extent { singles, singles_middle, singles_reach_m, tree, area_m2 }
-    }
-}
-
-/// The k-d tree over some photons' positions; `None` for none.
-pub(super) fn tree_over(positions: &[[f32; 3]]) -> Option<ImmutableKdTree<f32, 3>> {
-    NonZeroUsize::new(positions.len()).and_then(|_| ImmutableKdTree::new_from_slice(positions).ok())
 }

@@ -1,0 +1,307 @@
+//! Where the triangles of a crease surface lie: a tree that adds up how much of them lies within a gather.
+//!
+//! Every node knows the area of its triangles, a sphere around them and a cone around their normals: what lies within the
+//! gather and faces its normal as a whole is added as a whole, and only triangles at the rim are cut.
+
+use glam::Vec3;
+
+use super::{
+    map::{FLATNESS, GatherBounds, Reach},
+    patch,
+};
+
+/// Triangles of a leaf at most.
+const LEAF_COUNT: usize = 4;
+
+/// A triangle as its surface sees it, in render space.
+#[derive(Clone, Copy, Debug)]
+struct Face {
+    triangle: u32,
+    area_m2: f32,
+    /// Of its front, unit.
+    normal: Vec3,
+    middle: Vec3,
+    /// Farthest corner from its middle, m.
+    reach_m: f32,
+}
+
+/// Some triangles that lie together; those behind it in depth-first order, up to `end`, are its parts.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    area_m2: f32,
+    middle: Vec3,
+    /// No corner lies farther from the middle, m.
+    reach_m: f32,
+    /// Axis of the cone that holds all normals.
+    axis: Vec3,
+    /// Cosine and sine of its half angle.
+    cone: [f32; 2],
+    end: u32,
+    /// Its triangles, in [`Extent::faces`]; none for one that has parts.
+    first: u32,
+    count: u32,
+}
+
+/// The triangles of a surface; see the module's head.
+#[derive(Debug)]
+pub(super) struct Extent {
+    faces: Vec<Face>,
+    nodes: Vec<Node>,
+}
+
+impl Extent {
+    /// Of triangles by number, with their corners: `[n]`; those without area do not count.
+    pub(super) fn of(triangles: &[u32], corners: impl Fn(u32) -> [Vec3; 3], handedness: f32) -> Extent {
+        let faces: Vec<Face> = triangles
+            .iter()
+            .map(|triangle| Face::of(*triangle, corners(*triangle), handedness))
+            .filter(|face| face.normal != Vec3::ZERO)
+            .collect();
+        let mut extent = Extent { nodes: Vec::with_capacity(faces.len()), faces };
+        if !extent.faces.is_empty() {
+            extent.divide(0, extent.faces.len());
+        }
+        extent
+    }
+
+    /// Adds the node of some triangles and all its parts.
+    fn divide(&mut self, first: usize, end: usize) {
+        let place = self.nodes.len();
+        self.nodes.push(Node::around(&self.faces[first..end]));
+        if end - first <= LEAF_COUNT {
+            self.nodes[place].first = first as u32;
+            self.nodes[place].count = (end - first) as u32;
+        } else {
+            let faces = &mut self.faces[first..end];
+            let [low, high] = faces.iter().fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], face| {
+                [low.min(face.middle), high.max(face.middle)]
+            });
+            let axis = (high - low).max_position();
+            let half = faces.len() / 2;
+            faces.select_nth_unstable_by(half, |a, b| {
+                a.middle[axis].total_cmp(&b.middle[axis]).then(a.triangle.cmp(&b.triangle))
+            });
+            self.divide(first, first + half);
+            self.divide(first + half, end);
+        }
+        self.nodes[place].end = self.nodes.len() as u32;
+    }
+
+    /// Of all triangles, m².
+    pub(super) fn area_m2(&self) -> f32 {
+        self.nodes.first().map_or(0.0, |root| root.area_m2)
+    }
+
+    /// Area of what faces the gather's normal, within a cosine of it, in the ellipsoid around its middle, m².
+    pub(super) fn area_within(
+        &self,
+        bounds: &GatherBounds,
+        Reach { radius_m, facing_cos }: Reach,
+        corners: impl Fn(u32) -> [Vec3; 3],
+    ) -> f32 {
+        let mut sum = 0.0;
+        let mut at = 0;
+        while let Some(node) = self.nodes.get(at) {
+            let flattened_m = bounds.flattened_from(node.middle).length();
+            let away_m = node.middle.distance(bounds.centre);
+            let facing = node.facing(bounds.normal, facing_cos);
+            // What leans reaches farther in the flattened space, at most so many times.
+            let reach_m = FLATNESS * node.reach_m;
+            if facing == Facing::None
+                || away_m >= radius_m + node.reach_m
+                || flattened_m >= radius_m + reach_m
+            {
+                at = node.end as usize;
+            } else if facing == Facing::All && flattened_m + reach_m <= radius_m {
+                sum += node.area_m2;
+                at = node.end as usize;
+            } else {
+                let faces = &self.faces[node.first as usize..(node.first + node.count) as usize];
+                let part = |face: &Face| face.area_within(bounds, radius_m, facing_cos, &corners);
+                sum += faces.iter().map(part).sum::<f32>();
+                at += 1;
+            }
+        }
+        sum
+    }
+
+    /// Memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>()
+    }
+}
+
+/// Which of the normals of a node face a direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Facing {
+    None,
+    Some,
+    All,
+}
+
+impl Node {
+    fn around(faces: &[Face]) -> Node {
+        let count = faces.len() as f32;
+        let middle: Vec3 = faces.iter().map(|face| face.middle / count).sum();
+        let axis = faces.iter().map(|face| face.normal).sum::<Vec3>().normalize_or(Vec3::Z);
+        let cos = faces.iter().map(|face| face.normal.dot(axis)).fold(1.0, f32::min);
+        // Rounding may put a normal a little outside.
+        let cos = (cos - 1e-5).max(-1.0);
+        let reach = |face: &Face| face.middle.distance(middle) + face.reach_m;
+        Node {
+            area_m2: faces.iter().map(|face| face.area_m2).sum(),
+            middle,
+            reach_m: faces.iter().map(reach).fold(0.0, f32::max) * 1.0001,
+            axis,
+            cone: [cos, (1.0 - cos * cos).max(0.0).sqrt()],
+            end: 0,
+            first: 0,
+            count: 0,
+        }
+    }
+
+    fn facing(&self, normal: Vec3, facing_cos: f32) -> Facing {
+        let [cos, sin] = self.cone;
+        let axis_cos = self.axis.dot(normal).clamp(-1.0, 1.0);
+        let across = (1.0 - axis_cos * axis_cos).sqrt() * sin;
+        if facing_cos <= -1.0 || (axis_cos >= -cos && axis_cos * cos - across >= facing_cos) {
+            Facing::All
+        } else if axis_cos < cos && axis_cos * cos + across < facing_cos {
+            Facing::None
+        } else {
+            Facing::Some
+        }
+    }
+}
+
+impl Face {
+    fn of(triangle: u32, [a, b, c]: [Vec3; 3], handedness: f32) -> Face {
+        // A mirroring transform turns the winding round, not the front.
+        let n = (b - a).cross(c - a) * handedness;
+        let middle = (a + b + c) / 3.0;
+        let reach_m = a.distance(middle).max(b.distance(middle)).max(c.distance(middle));
+        Face { triangle, area_m2: 0.5 * n.length(), normal: n.normalize_or_zero(), middle, reach_m }
+    }
+
+    fn area_within(
+        &self,
+        bounds: &GatherBounds,
+        radius_m: f32,
+        facing_cos: f32,
+        corners: &impl Fn(u32) -> [Vec3; 3],
+    ) -> f32 {
+        let cos = self.normal.dot(bounds.normal);
+        if cos < facing_cos {
+            return 0.0;
+        }
+        // The more a triangle leans, the more flattening makes it reach farther.
+        let stretched2 = 1.0 + (FLATNESS * FLATNESS - 1.0) * (1.0 - cos * cos).max(0.0);
+        let reach_m = self.reach_m * stretched2.sqrt();
+        let distance_m = bounds.flattened_from(self.middle).length();
+        if distance_m >= radius_m + reach_m {
+            0.0
+        } else if distance_m + reach_m <= radius_m {
+            self.area_m2
+        } else {
+            // Flattening stretches all parts of a triangle alike.
+            let flattened = corners(self.triangle).map(|corner| bounds.flattened_from(corner));
+            let [a, b, c] = flattened;
+            let part_m2 = patch::area_in_sphere(flattened, Vec3::ZERO, radius_m);
+            let whole_m2 = 0.5 * (b - a).cross(c - a).length();
+            if part_m2 > 0.0 { self.area_m2 * (part_m2 / whole_m2).min(1.0) } else { 0.0 }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::num::NonZeroUsize;
+
+    use super::*;
+    use crate::math::sobol::point;
+
+    /// A crumpled sheet of 2 × 2 m, in strips of triangles of very different sizes.
+    fn crumpled() -> Vec<[Vec3; 3]> {
+        let height = |x: f32, z: f32| 0.2 * (5.0 * x).sin() * (3.0 * z).cos();
+        let at = |i: usize, n: usize| (i as f32 / n as f32).powi(2) * 2.0 - 1.0;
+        let vertex = |i: usize, j: usize| {
+            let (x, z) = (at(i, 40), at(j, 25));
+            Vec3::new(x, height(x, z), z)
+        };
+        let quads = (0..40).flat_map(|i| (0..25).map(move |j| (i, j)));
+        quads
+            .flat_map(|(i, j)| {
+                let [a, b, c, d] = [vertex(i, j), vertex(i, j + 1), vertex(i + 1, j + 1), vertex(i + 1, j)];
+                [[a, b, c], [a, c, d]]
+            })
+            .collect()
+    }
+
+    fn bounds(centre: Vec3, normal: Vec3) -> GatherBounds {
+        let count = NonZeroUsize::MIN;
+        GatherBounds { centre, normal, radius_m: 1.0, count_min: count, count_max: count, radius_max_m: 1.0 }
+    }
+
+    /// The tree says what going through the triangles one by one says, and that is the share of points that lie within.
+    #[test]
+    fn areas_are_those_of_all_triangles_and_of_counted_points() {
+        let sheet = crumpled();
+        let all: Vec<u32> = (0..sheet.len() as u32).collect();
+        let corners = |triangle: u32| sheet[triangle as usize];
+        let extent = Extent::of(&all, corners, 1.0);
+        for index in 0..200 {
+            let [x, z, r, turn] = point(3, index);
+            let centre = Vec3::new(2.0 * x - 1.0, 0.1, 2.0 * z - 1.0);
+            let normal = Vec3::new((6.0 * turn).sin() * r, 1.0, (6.0 * turn).cos() * r).normalize();
+            let radius_m = 0.02 + 1.5 * r * r;
+            let facing_cos = if index % 3 == 0 { -2.0 } else { 0.5 + 0.4 * turn };
+            let bounds = bounds(centre, normal);
+            let found = extent.area_within(&bounds, Reach { radius_m, facing_cos }, corners);
+            let one_by_one: f32 = extent
+                .faces
+                .iter()
+                .map(|face| face.area_within(&bounds, radius_m, facing_cos, &corners))
+                .sum();
+            assert!((found - one_by_one).abs() <= 1e-4 * one_by_one + 1e-7, "{found} for {one_by_one}");
+            if index % 10 == 0 && one_by_one > 0.05 {
+                let counted = counted_m2(&extent, &bounds, radius_m, facing_cos, corners);
+                assert!((found / counted - 1.0).abs() < 0.03, "{found} for {counted}");
+            }
+        }
+    }
+
+    fn counted_m2(
+        extent: &Extent,
+        bounds: &GatherBounds,
+        radius_m: f32,
+        facing_cos: f32,
+        corners: impl Fn(u32) -> [Vec3; 3],
+    ) -> f32 {
+        let of_face = |face: &Face| {
+            let [a, b, c] = corners(face.triangle);
+            let is_within = |index: &u32| {
+                let [u, v, ..] = point(u64::from(face.triangle), *index);
+                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let from = a + (b - a) * u + (c - a) * v - bounds.centre;
+                let along = bounds.normal.dot(from);
+                let across = from - bounds.normal * along;
+                across.length_squared() + (along * FLATNESS).powi(2) <= radius_m * radius_m
+            };
+            let share = (0..64).filter(is_within).count() as f32 / 64.0;
+            if face.normal.dot(bounds.normal) >= facing_cos { face.area_m2 * share } else { 0.0 }
+        };
+        extent.faces.iter().map(of_face).sum()
+    }
+
+    /// Triangles without area, and none at all, have none.
+    #[test]
+    fn nothing_has_no_area() {
+        let corners = |_| [Vec3::ONE; 3];
+        for triangles in [&[][..], &[0, 1, 2, 3, 4, 5][..]] {
+            let extent = Extent::of(triangles, corners, 1.0);
+            let reach = Reach { radius_m: 3.0, facing_cos: -2.0 };
+            assert_eq!(extent.area_within(&bounds(Vec3::ZERO, Vec3::Y), reach, corners), 0.0);
+            assert_eq!(extent.area_m2(), 0.0);
+        }
+    }
+}
