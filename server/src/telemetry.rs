@@ -114,6 +114,10 @@ pub struct Metrics {
     pub passes: Counter,
     pub passes_cancelled: Counter,
     pub rays: Counter,
+    /// Photons traced again to see whether their light is still as kept.
+    pub photons_probed: Counter,
+    /// Groups of photons of which one went another way although no edit told of a change.
+    pub photon_groups_diverged: Counter,
     pub samples: Counter,
     pub render_us: Counter,
     pub film_bytes: Gauge,
@@ -140,6 +144,8 @@ impl Default for Metrics {
             passes: Counter::default(),
             passes_cancelled: Counter::default(),
             rays: Counter::default(),
+            photons_probed: Counter::default(),
+            photon_groups_diverged: Counter::default(),
             samples: Counter::default(),
             render_us: Counter::default(),
             film_bytes: Gauge::default(),
@@ -175,6 +181,12 @@ impl Metrics {
             ("passes_total", "Rendering passes finished", &self.passes),
             ("passes_cancelled_total", "Rendering passes cut short by news", &self.passes_cancelled),
             ("rays_total", "Rays traced", &self.rays),
+            ("photons_probed_total", "Photons traced again to check the light", &self.photons_probed),
+            (
+                "photon_groups_diverged_total",
+                "Groups of photons whose light changed without an edit",
+                &self.photon_groups_diverged,
+            ),
             ("samples_total", "Pixel samples drawn", &self.samples),
         ];
         for (name, help, counter) in counters {

@@ -16,6 +16,9 @@ use std::time::{Duration, Instant};
 /// Changes of one scene's light that wait for its render thread. More are joined: together they say the same.
 const WAITING_MAX: usize = 64;
 
+/// Time between two looks for changes of the light that no edit told of: one photon of every group is traced again.
+const PROBE_PERIOD: Duration = Duration::from_secs(1);
+
 /// What edits changed, from the oldest the render thread has not seen.
 #[derive(Debug, Default)]
 pub(super) struct LightChanges {
@@ -78,6 +81,26 @@ struct Lit {
     world: Arc<World>,
     /// Of all that became known of any, when this became known.
     generation: u64,
+    probed: Instant,
+}
+
+impl Lit {
+    /// Looks for changes that no edit told of, now and then; what went another way is traced again next.
+    fn probe(&mut self, workshop: &Workshop) {
+        if self.probed.elapsed() < PROBE_PERIOD {
+            return;
+        }
+        let counts = workshop.drawing_pool.install(|| self.illumination.probe(&self.world));
+        workshop.metrics.photons_probed.add(counts.probed);
+        workshop.metrics.photon_groups_diverged.add(counts.diverged);
+        if counts.diverged > 0 {
+            tracing::warn!(
+                groups = counts.diverged,
+                "light changed without an edit; its photons are traced again"
+            );
+        }
+        self.probed = Instant::now();
+    }
 }
 
 impl Lighting {
@@ -111,7 +134,7 @@ impl Lighting {
                 settings.photons.emitted_count = workshop.config.photons;
                 settings.octree.depth = workshop.config.octree_depth;
                 let illumination = Illumination::new(settings);
-                Lit { illumination, world: snapshot.world.clone(), generation: 0 }
+                Lit { illumination, world: snapshot.world.clone(), generation: 0, probed: Instant::now() }
             });
         }
     }
@@ -129,6 +152,9 @@ impl Lighting {
         // large scenes, and none is cut short.
         let never = AtomicBool::new(false);
         for lit in self.lit.values_mut() {
+            if lit.illumination.stage() == Stage::Complete {
+                lit.probe(workshop);
+            }
             while lit.illumination.stage() != Stage::Complete {
                 let before = lit.illumination.counts();
                 let is_better = workshop.drawing_pool.install(|| lit.illumination.step(&lit.world, &never));

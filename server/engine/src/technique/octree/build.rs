@@ -6,7 +6,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, ShadedVdl, Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, SHEET_CELLS, ShadedVdl, Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
     tree::Nodes,
@@ -308,12 +308,14 @@ impl Building {
             });
             gathers.push(LeafGather { radius_m: light.radius_m, chord_rms: light.spread.chord_rms });
         }
+        let sheet_m = SHEET_CELLS * self.voxels.cube.cell_m();
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
         LightOctree {
             settings: self.settings,
             photons: self.photons,
             voxels: self.voxels,
             radius_max_m: self.radius_max_m,
+            per_sheet_m2: 1.0 / (sheet_m * sheet_m),
             nodes,
             sets,
             gathers,

@@ -111,6 +111,8 @@ pub struct LightOctree {
     photons: Arc<PhotonProduct>,
     voxels: Arc<Voxels>,
     radius_max_m: f32,
+    /// Over the squared distance from a group's plane at which it counts half, 1/m².
+    per_sheet_m2: f32,
     nodes: Nodes,
     sets: Vec<LeafSet>,
     /// Of each group.
@@ -300,23 +302,20 @@ impl LightOctree {
     #[inline]
     fn set_like(&self, leaf: usize, p: Vec3, n: Vec3) -> Option<(usize, f32)> {
         let range = self.voxels.first_set[leaf] as usize..self.voxels.first_set[leaf + 1] as usize;
-        let per_m2 = 1.0 / (SHEET_CELLS * self.voxels.cube.cell_m()).powi(2);
         let mut best = None;
-        let mut best_score = 0.0;
-        for set in range {
-            let LeafSet { normal, plane_m, .. } = self.sets[set];
-            let cos = normal.dot(n);
+        let mut best_score = f32::NEG_INFINITY;
+        for (place, set) in range.clone().zip(&self.sets[range]) {
+            let cos = set.normal.dot(n);
             if cos > LIKE_COS {
-                let off_m = normal.dot(p) - plane_m;
-                let squared = off_m * off_m * per_m2;
-                let share = 1.0 / (1.0 + squared * squared);
-                if cos * share > best_score {
-                    best_score = cos * share;
-                    best = Some((set, share));
+                let off_m = set.normal.dot(p) - set.plane_m;
+                let squared = off_m * off_m * self.per_sheet_m2;
+                if cos - squared > best_score {
+                    best_score = cos - squared;
+                    best = Some((place, squared));
                 }
             }
         }
-        best
+        best.map(|(place, squared)| (place, 1.0 / (1.0 + squared * squared)))
     }
 
     /// Irradiance by class, in the order of [`super::MAPPED`], on a surface at `p` that faces `n`, W/m².
