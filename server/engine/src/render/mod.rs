@@ -27,7 +27,7 @@ pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, S
 
 /// Seconds of learning for each second of drawing while there is more to learn: at first what is not known about the light
 /// shows more than the noise of what is sampled.
-const LEARNING_SHARE: f64 = 3.0;
+const LEARNING_SHARE: f64 = 5.0;
 
 /// What computes indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

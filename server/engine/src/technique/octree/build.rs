@@ -6,7 +6,8 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, SHEET_CELLS, ShadedVdl, Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS, ShadedVdl,
+    Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
     tree::Nodes,
@@ -157,7 +158,7 @@ impl Building {
 
     /// Cells twice as large would have shown all that its photons can.
     pub(super) fn is_deeper_than_needed(&self) -> bool {
-        self.settings.radius_cells * 2.0 * self.voxels.cube.cell_m() <= self.radius_max_m / 3.0
+        self.settings.is_enough(2.0 * self.voxels.cube.cell_m(), self.radius_max_m)
     }
 
     /// It is built of these photons.
@@ -339,10 +340,10 @@ impl LightOctree {
     }
 }
 
-/// How far a gather looks at most: three times as far as it would find its photons if all lay evenly on all surfaces.
+/// How far a gather looks at most.
 fn radius_max_m(voxels: &Voxels, expected: Expected) -> f32 {
     let even_m2 = expected.area_of_a_gather_m2(voxels.area_m2) / std::f64::consts::PI;
-    ((3.0 * even_m2.sqrt()) as f32).max(voxels.cube.cell_m() * 0.5)
+    (RADIUS_MAX_EVEN * even_m2.sqrt() as f32).max(voxels.cube.cell_m() * 0.5)
 }
 
 /// Memory that gathers and clusterings use again.

@@ -78,11 +78,19 @@ impl OctreeSettings {
     pub const VDLS_MAX: usize = 8;
 }
 
+/// How many times as far a gather looks as it would find its fewest photons if all lay evenly on all surfaces.
+const RADIUS_MAX_EVEN: f32 = 3.0;
 const NEIGHBOURS_MIN: NonZeroUsize = NonZeroUsize::new(96).unwrap();
 const NEIGHBOURS_MAX: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 const VDL_COUNT: NonZeroUsize = NonZeroUsize::new(4).unwrap();
 
 impl OctreeSettings {
+    /// Cells of a side are as small as the photons allow, where a gather looks `radius_max_m` far at most: at twice the
+    /// radius at which the fewest photons lie in even light. Half the cells would show the photons' noise, not more light.
+    fn is_enough(&self, cell_m: f32, radius_max_m: f32) -> bool {
+        self.radius_cells * cell_m <= radius_max_m / RADIUS_MAX_EVEN * 2.0
+    }
+
     /// Always the nearest `count` photons, however far, as the paper gathers [Vivanloc2007, 3.1.1].
     pub fn gathering(self, count: NonZeroUsize) -> OctreeSettings {
         OctreeSettings { radius_cells: f32::INFINITY, neighbours_min: count, neighbours_max: count, ..self }
@@ -206,9 +214,7 @@ impl LightOctree {
 
     /// Smaller cells would gather no fewer photons than these: they would show the same light in more places.
     fn shows_all_its_photons_can(&self) -> bool {
-        // A gather of the fewest photons in even light reaches three times less far than the farthest one.
-        let radius_m = self.settings.radius_cells * self.voxels.cube.cell_m();
-        radius_m <= self.radius_max_m / 3.0
+        self.settings.is_enough(self.voxels.cube.cell_m(), self.radius_max_m)
     }
 
     /// Lights in all cells.
