@@ -16,7 +16,8 @@ use std::time::{Duration, Instant};
 /// Changes of one scene's light that wait for its render thread. More are joined: together they say the same.
 const WAITING_MAX: usize = 64;
 
-/// Time between two looks for changes of the light that no edit told of: one photon of every group is traced again.
+/// Time between two looks for changes of the light that no edit told of, while pictures are drawn with it: one photon of
+/// every group is traced again.
 const PROBE_PERIOD: Duration = Duration::from_secs(1);
 
 /// What edits changed, from the oldest the render thread has not seen.

@@ -31,7 +31,8 @@ struct SetLight {
     harmonics: Option<[Harmonics; 2]>,
     /// By class: nothing farther than this from the group's middle had any influence, m.
     radius_m: [f32; 2],
-    spread: Spread,
+    /// By class.
+    spread: [Spread; 2],
 }
 
 /// An octree in the making.
@@ -274,9 +275,7 @@ impl Building {
                 key ^ index as u64,
                 &mut light.vdls[index],
             );
-            if index == 0 {
-                light.spread = spread;
-            }
+            light.spread[index] = spread;
             counts.cluster_seconds += gathered.elapsed().as_secs_f64();
         }
         light
@@ -298,8 +297,12 @@ impl Building {
                 vdls.extend(of_class);
                 first
             });
-            let softness = Softness::of(light.spread.chord_rms);
-            shaded.extend(vdls[shaded.len()..].iter().map(|vdl| ShadedVdl::of(vdl, set.normal, softness)));
+            let chord_rms = light.spread.map(|spread| spread.chord_rms);
+            let softness = chord_rms.map(Softness::of);
+            shaded.extend((shaded.len()..vdls.len()).map(|place| {
+                let class = usize::from(place >= first[1] as usize);
+                ShadedVdl::of(&vdls[place], set.normal, softness[class])
+            }));
             sets.push(LeafSet {
                 normal: set.normal,
                 plane_m: set.normal.dot(set.centre),
@@ -307,7 +310,7 @@ impl Building {
                 end_vdl: vdls.len() as u32,
                 softness,
             });
-            gathers.push(LeafGather { radius_m: light.radius_m, chord_rms: light.spread.chord_rms });
+            gathers.push(LeafGather { radius_m: light.radius_m, chord_rms });
         }
         let sheet_m = SHEET_CELLS * self.voxels.cube.cell_m();
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
@@ -335,7 +338,7 @@ impl LightOctree {
             vdls: [0, 1].map(|class| self.vdls_of(leaf, class).to_vec()),
             harmonics: self.harmonics.get(set).copied(),
             radius_m: gather.radius_m,
-            spread: Spread { chord_rms: gather.chord_rms, ..Spread::default() },
+            spread: gather.chord_rms.map(|chord_rms| Spread { chord_rms, ..Spread::default() }),
         }
     }
 }

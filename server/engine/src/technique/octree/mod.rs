@@ -3,8 +3,9 @@
 //! The scene's cube is halved `depth` times where there is surface (`voxels.rs`). In every cell each group of surfaces that
 //! face about one way gathers its nearest photons and keeps them as at most eight virtual directional lights
 //! (`build.rs`, `cluster.rs`). A look-up blends the eight cells around a point, of each only the group that faces like the
-//! surface, renormalised over those that have one [Vivanloc2007]. Normal maps bend the answer: every light is weighed by
-//! its cosine with the shading normal over that with the group's.
+//! surface and whose plane is nearest, renormalised over those that have one [Vivanloc2007]; groups off the surface's plane
+//! count less. Normal maps bend the answer: every light is weighed by its cosine with the shading normal over that with the
+//! group's, both softened by how far the light's photons spread.
 //!
 //! **Biased**: light is blurred over the gather and over a cell; consistent as photons and depth grow. Shows coarse cells
 //! first; after an edit only cells are built again whose photons or surfaces changed, which leaves exactly what a fresh
@@ -181,7 +182,8 @@ struct LeafSet {
     /// Where the lights of each class start.
     first_vdl: [u32; 2],
     end_vdl: u32,
-    softness: Softness,
+    /// By class.
+    softness: [Softness; 2],
 }
 
 /// How the light of a group came to be.
@@ -189,7 +191,8 @@ struct LeafSet {
 struct LeafGather {
     /// By class: nothing farther away had any influence, m.
     radius_m: [f32; 2],
-    chord_rms: f32,
+    /// By class.
+    chord_rms: [f32; 2],
 }
 
 /// Cosine of the angle between a surface and a group from which on they are lit alike.
@@ -197,8 +200,9 @@ const LIKE_COS: f32 = 0.3;
 /// Distance from a group's mean plane at which it counts half, in sides of a cell: farther off it is another sheet.
 const SHEET_CELLS: f32 = 0.25;
 /// Softens lights of a single direction.
-const SOFTNESS_MIN: f32 = 0.2;
-/// Lights that graze a group count as if their cosine with it were this.
+const SOFTNESS_MIN: f32 = 4.0 * GRAZING;
+/// Lights from below the horizon of their group count as if their soft cosine with it were this: what it is at least on
+/// the horizon.
 const GRAZING: f32 = 0.1;
 
 impl LightOctree {
@@ -253,7 +257,7 @@ impl LightOctree {
     pub fn spread_degrees(&self) -> f32 {
         let lit = self.sets.iter().zip(&self.gathers).filter(|(set, _)| set.first_vdl[1] > set.first_vdl[0]);
         let (count, sum) = lit.fold((0u32, 0.0f64), |(count, sum), (_, gather)| {
-            (count + 1, sum + f64::from(gather.chord_rms).powi(2))
+            (count + 1, sum + f64::from(gather.chord_rms[0]).powi(2))
         });
         let chord_rms = (sum / f64::from(count.max(1))).sqrt() as f32;
         Spread { chord_rms, ..Spread::default() }.degrees()
@@ -357,11 +361,10 @@ impl SecondaryLight for LightOctree {
                 return;
             }
             let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
-            let softness = set.softness;
-            sums[0] += shading.response(&self.shaded[first..first_caustic], softness) * weight;
+            sums[0] += shading.response(&self.shaded[first..first_caustic], set.softness[0]) * weight;
             if first_caustic < set.end_vdl as usize {
                 let caustic = &self.shaded[first_caustic..set.end_vdl as usize];
-                sums[1] += shading.response(caustic, softness) * weight;
+                sums[1] += shading.response(caustic, set.softness[1]) * weight;
             }
         });
         ScatteredLight { indirect: sums[0], caustic: sums[1] }
@@ -402,6 +405,9 @@ impl Shading<'_> {
                 let mut sum = Rgb::BLACK;
                 for vdl in vdls {
                     let cos = softness.cos(self.n_shade.dot(vdl.direction));
+                    if !(cos > 0.0) {
+                        continue;
+                    }
                     // From where the light's photons that do arrive come on average: never below the horizon.
                     let wi = self.surface.frame.to_local(vdl.direction);
                     let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
@@ -443,10 +449,12 @@ impl OctreeBuilding {
     pub fn new(settings: OctreeSettings) -> OctreeBuilding {
         let depth = settings.depth.clamp(1, OctreeSettings::DEPTH_MAX);
         let depth_first = settings.depth_first.clamp(1, depth);
+        // What a gather finds must not depend on photons beyond its radius.
+        let neighbours_max = settings.neighbours_max.max(settings.neighbours_min);
         let vdl_count =
             settings.vdl_count.min(NonZeroUsize::new(OctreeSettings::VDLS_MAX).unwrap_or(NonZeroUsize::MIN));
         OctreeBuilding {
-            settings: OctreeSettings { depth, depth_first, vdl_count, ..settings },
+            settings: OctreeSettings { depth, depth_first, vdl_count, neighbours_max, ..settings },
             building: None,
             octree: None,
             nothing_of: None,
@@ -561,7 +569,7 @@ mod tests {
     /// The soft cosine is what photons spread around a light send to a surface on average, wherever the surface turns.
     #[test]
     fn softness_is_the_mean_over_a_lights_photons() {
-        for sigma in [0.15f32, 0.3, 0.45] {
+        for sigma in [0.25f32, 0.4, 0.6] {
             let photons: Vec<Vec3> = (0..4096)
                 .map(|index| {
                     let [u, v, ..] = point(7, index);
@@ -572,12 +580,13 @@ mod tests {
                 .collect();
             let squared = photons.iter().map(|photon| (*photon - Vec3::Z).length_squared()).sum::<f32>();
             let softness = Softness::of((squared / 4096.0).sqrt());
+            // Wide lights are shortened by their spread, which stands in the light's flux already.
+            let shortened = photons.iter().map(|photon| photon.z).sum::<f32>() / 4096.0;
             for degrees in (0..=180).step_by(10) {
                 let angle = (degrees as f32).to_radians();
                 let n = Vec3::new(angle.sin(), 0.0, angle.cos());
                 let mean = photons.iter().map(|photon| photon.dot(n).max(0.0)).sum::<f32>() / 4096.0;
                 let soft = softness.cos(n.z);
-                // Wide lights are shortened by their spread, which stands in the light's flux already.
                 assert!(
                     (soft - mean).abs() < 0.04 + 0.5 * sigma * sigma,
                     "σ {sigma}, {degrees}°: {soft} for {mean}"

@@ -1,7 +1,7 @@
 //! Which cells of the cube hold which surfaces: the geometry of the octree, without light.
 //!
-//! Every triangle is cut by the cells; what lies in one cell is grouped by where it faces, for each side of the surface by
-//! itself: surfaces that face apart get different light.
+//! Every triangle is cut by the cells; what lies in one cell is grouped by where it faces and by the plane it lies in, for
+//! each side of the surface by itself: surfaces that face apart, or lie one above the other, get different light.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -18,7 +18,7 @@ const CHUNK: usize = 2048;
 /// Groups of a cell at most: two sheets for each direction of space.
 const SETS_MAX: usize = 12;
 /// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
-const SHEET_CELLS: f32 = 0.25;
+const SHEET_JOINS_CELLS: f32 = 0.25;
 /// Layers that a cell is cut into for telling sheets apart.
 const LAYERS: f32 = 4.0;
 /// Cosine of the angle from a group's mean normal within which a surface joins it.
@@ -268,7 +268,7 @@ impl Voxels {
                 let n = group.normal.normalize_or_zero();
                 let cos = n.dot(normal) / normal.length();
                 let apart = n.dot(piece.centre / piece.area_m2 - group.centre / group.area_m2).abs();
-                let joins = cos >= JOINS_COS && apart <= SHEET_CELLS * self.cube.cell_m();
+                let joins = cos >= JOINS_COS && apart <= SHEET_JOINS_CELLS * self.cube.cell_m();
                 (joins, cos - apart / self.cube.cell_m())
             };
             let best = groups.iter().enumerate().map(|(place, group)| (place, likeness(group))).max_by(

@@ -2,8 +2,9 @@
 //!
 //! Density estimate E = Σ Φⱼ / A over the photons within the distance r of the k-th nearest, where A is the area of their
 //! own surfaces within that distance [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
-//! hang off the surface. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon defines r and does not count itself, which makes the estimate unbiased for even
-//! light. **Biased**: blurs over r. Consistent as photons grow and r shrinks.
+//! hang off the surface. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon
+//! defines r and does not count itself, which makes the estimate unbiased for even light. **Biased**: blurs over r.
+//! Consistent as photons grow and r shrinks.
 
 use std::{num::NonZeroUsize, sync::Arc};
 
@@ -107,7 +108,7 @@ pub struct Gather {
     near: Vec<Near>,
     /// Within reach, by place in the list of sides.
     areas: Vec<f32>,
-    /// Sides that do not count.
+    /// Sides that do not count, ascending.
     dark: Vec<u32>,
 }
 
@@ -116,6 +117,8 @@ struct Near {
     distance2: f32,
     side: u32,
     item: u32,
+    /// Its surface faces the gather's normal.
+    faces: bool,
 }
 
 /// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
@@ -133,11 +136,14 @@ const DARK_EXPECTED_MIN: f32 = 8.0;
 pub(super) const FLATNESS: f32 = 2.5;
 /// A search that found too few looks as far next as should find so many times what is asked for …
 const AMPLE: f32 = 1.25;
-/// … within these multiples of its radius.
+/// … within these multiples of its radius, the last while fewer than [`TELLING`] photons say how they lie.
 const GROWTH_MIN: f32 = 1.1;
-const GROWTH_MAX: f32 = 2.0;
-/// Share of the farthest radius at which a search for some number begins.
-const FIRST_GUESS: f32 = 0.35;
+const GROWTH_MAX: f32 = 4.0;
+const GROWTH_BLIND: f32 = 2.0;
+const TELLING: usize = 8;
+/// Share of the farthest radius at which a search for some number begins: where photons lie a hundred times as close as
+/// on average it finds no more than that.
+const FIRST_GUESS: f32 = 0.05;
 
 /// Where and how far to gather.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -146,7 +152,8 @@ pub struct GatherBounds {
     pub centre: Vec3,
     /// Where the surfaces face, unit. Distances along it count [`FLATNESS`] times: what lies above or below is another sheet.
     pub normal: Vec3,
-    /// Radius to be content with, m, if that many photons lie within it …
+    /// Radius to be content with, m, if that many photons lie within it; one that is not less than `radius_max_m` says that
+    /// just the nearest `count_min` are asked for …
     pub radius_m: f32,
     /// … as these.
     pub count_min: NonZeroUsize,
@@ -238,88 +245,110 @@ impl PhotonMaps {
     }
 
     /// The photons of a class around a point on some sides of surfaces, as far as those face its normal, with their shares
-    /// of the irradiance there.
+    /// of the irradiance there. Sides that a gather of indirect light found dark stay dark for what follows with the same
+    /// `gather`: that no caustic falls on a side does not make it an inside.
     ///
-    /// - `sides`: `[n]`, each once
+    /// - `sides`: `[n]`, each once, ascending
     pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         gather.photons.clear();
-        gather.area_m2 = 0.0;
-        let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
-        let maps = &self.sides[class];
-        let lit = || sides.iter().filter_map(|side| Some((*side, maps[side.index()].as_ref()?)));
         gather.near.clear();
-        gather.radius_m = bounds.radius_m.min(bounds.radius_max_m);
-        let mut count_max = bounds.count_max.get();
-        if !(bounds.radius_m < bounds.radius_max_m) {
-            gather.radius_m = bounds.radius_max_m * FIRST_GUESS;
-            count_max = bounds.count_min.get();
+        gather.area_m2 = 0.0;
+        gather.radius_m = 0.0;
+        let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
+        if class == 0 {
+            gather.dark.clear();
         }
-        // Everything within a radius, too large by a little, is found several times faster than the nearest of some number.
-        loop {
-            gather.near.clear();
-            lit().for_each(|(side, map)| gather.add_within(side, map, bounds));
-            let missing = bounds.count_min.get() as f32 / (gather.near.len() as f32 + 1.0);
-            if missing < 1.0 || gather.radius_m >= bounds.radius_max_m {
-                break;
-            }
-            // Photons lie on surfaces: there are as many more as the square of the radius is larger.
-            let growth = (AMPLE * missing).sqrt().clamp(GROWTH_MIN, GROWTH_MAX);
-            gather.radius_m = (gather.radius_m * growth).min(bounds.radius_max_m);
-            count_max = bounds.count_min.get();
-        }
-        gather.close_in(count_max);
-        if gather.near.is_empty() {
+        if !(bounds.radius_max_m > 0.0) {
             return;
         }
+        let maps = &self.sides[class];
+        self.search(class, sides, bounds, gather);
         // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
         // far away.
         gather.near.sort_unstable_by_key(|near| u64::from(near.side) << 32 | u64::from(near.item));
-        let faces = |near: &Near| {
-            let photon = maps[near.side as usize].as_ref().map(|map| map.photons[near.item as usize]);
-            photon.is_some_and(|photon| octahedral::decode(photon.normal).dot(bounds.normal) >= FACING_COS)
-        };
+        let photon_of =
+            |near: &Near| maps[near.side as usize].as_ref().map(|map| map.photons[near.item as usize]);
+        let faces = |photon: &MapPhoton| octahedral::decode(photon.normal).dot(bounds.normal) >= FACING_COS;
+        for near in &mut gather.near {
+            near.faces = photon_of(near).as_ref().is_some_and(faces);
+        }
         // In a fold only a few may face the right way: one of them on a triangle the size of a pinhead would outshine
         // everything. Then all count, and so does all the area.
-        let facing_count = gather.near.iter().filter(|near| faces(near)).count();
+        let facing_count = gather.near.iter().filter(|near| near.faces).count();
         let is_oriented = facing_count >= FACING_MIN || facing_count == gather.near.len();
         let facing_cos = if is_oriented { FACING_COS } else { -2.0 };
-        gather.near.retain(|near| {
-            let photon = maps[near.side as usize].as_ref().map(|map| map.photons[near.item as usize]);
-            photon.is_some_and(|photon| octahedral::decode(photon.normal).dot(bounds.normal) >= facing_cos)
-        });
-        self.measure_sides(sides, bounds, Reach { radius_m: gather.radius_m, facing_cos }, gather);
+        if is_oriented {
+            gather.near.retain(|near| near.faces);
+        }
+        if gather.near.is_empty() {
+            return;
+        }
+        self.measure_sides(class, sides, bounds, Reach { radius_m: gather.radius_m, facing_cos }, gather);
         if !(gather.area_m2 > 0.0) {
             return;
         }
         let per_area = 1.0 / gather.area_m2;
-        let dark = &gather.dark;
-        gather.photons.extend(gather.near.iter().filter(|near| !dark.contains(&near.side)).filter_map(
-            |near| {
-                let photon = maps[near.side as usize].as_ref()?.photons[near.item as usize];
-                Some(GatheredPhoton {
-                    direction: octahedral::decode(photon.direction),
-                    irradiance: photon.flux * per_area,
-                })
-            },
-        ));
+        let counting = gather.near.iter().filter(|near| gather.dark.binary_search(&near.side).is_err());
+        gather.photons.extend(counting.filter_map(photon_of).map(|photon| GatheredPhoton {
+            direction: octahedral::decode(photon.direction),
+            irradiance: photon.flux * per_area,
+        }));
+    }
+
+    /// Looks for the photons of a gather. Everything within a radius, too large by a little, is found several times faster
+    /// than the nearest of some number.
+    fn search(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
+        let maps = &self.sides[class];
+        let is_content = bounds.radius_m > 0.0 && bounds.radius_m < bounds.radius_max_m;
+        gather.radius_m = if is_content { bounds.radius_m } else { bounds.radius_max_m * FIRST_GUESS };
+        let mut count_max = if is_content { bounds.count_max } else { bounds.count_min }.get();
+        loop {
+            gather.near.clear();
+            for side in sides {
+                if let Some(map) = &maps[side.index()] {
+                    gather.add_within(*side, map, bounds);
+                }
+            }
+            let found = gather.near.len();
+            if found >= bounds.count_min.get() || gather.radius_m >= bounds.radius_max_m {
+                break;
+            }
+            // Photons lie on surfaces: there are as many more as the square of the radius is larger.
+            let missing = bounds.count_min.get() as f32 / (found as f32 + 1.0);
+            let farthest = if found < TELLING { GROWTH_BLIND } else { GROWTH_MAX };
+            let growth = (AMPLE * missing).sqrt().clamp(GROWTH_MIN, farthest);
+            gather.radius_m = (gather.radius_m * growth).min(bounds.radius_max_m);
+            count_max = bounds.count_min.get();
+        }
+        gather.close_in(count_max);
     }
 
     /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
     /// photons of both count; but of none that next to no photon falls on where many would if all were lit alike. Such are
     /// mostly the insides of walls, shells and vaults, which nobody sees, and which would take their share of the light.
-    fn measure_sides(&self, sides: &[SideId], bounds: &GatherBounds, reach: Reach, gather: &mut Gather) {
-        gather.dark.clear();
+    /// **Bias**: a side that is seen and that dark shows the light of the others in its cell.
+    fn measure_sides(
+        &self,
+        class: usize,
+        sides: &[SideId],
+        bounds: &GatherBounds,
+        reach: Reach,
+        gather: &mut Gather,
+    ) {
         gather.areas.clear();
         gather.areas.extend(sides.iter().map(|side| self.surfaces.area_within(*side, bounds, reach)));
-        let all_m2: f32 = gather.areas.iter().sum();
-        let per_m2 = gather.near.len() as f32 / all_m2;
+        let per_m2 = gather.near.len() as f32 / gather.areas.iter().sum::<f32>();
         for (side, area_m2) in sides.iter().zip(&gather.areas) {
-            let expected = per_m2 * area_m2;
             let side = side.index() as u32;
-            let count = gather.near.iter().filter(|near| near.side == side).count();
-            if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
-                gather.dark.push(side);
-            } else {
+            if class == 0 {
+                let expected = per_m2 * area_m2;
+                let first = gather.near.partition_point(|near| near.side < side);
+                let count = gather.near[first..].partition_point(|near| near.side == side);
+                if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
+                    gather.dark.push(side);
+                }
+            }
+            if gather.dark.binary_search(&side).is_err() {
                 gather.area_m2 += area_m2;
             }
         }
@@ -337,6 +366,7 @@ impl Gather {
             distance2: bounds.flattened_from(map.photons[near.item as usize].position).length_squared(),
             side,
             item: near.item,
+            faces: false,
         });
         self.near.extend(near.filter(|near| near.distance2 <= radius2));
     }
