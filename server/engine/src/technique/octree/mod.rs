@@ -587,10 +587,8 @@ mod tests {
                 let n = Vec3::new(angle.sin(), 0.0, angle.cos());
                 let mean = photons.iter().map(|photon| photon.dot(n).max(0.0)).sum::<f32>() / 4096.0;
                 let soft = softness.cos(n.z);
-                assert!(
-                    (soft - mean).abs() < 0.04 + 0.5 * sigma * sigma,
-                    "σ {sigma}, {degrees}°: {soft} for {mean}"
-                );
+                let expected = soft * shortened;
+                assert!((expected - mean).abs() < 0.035, "σ {sigma}, {degrees}°: {expected} for {mean}");
             }
             assert!(softness.cos(0.0) > 0.0 && softness.cos(-1.0) == 0.0);
         }
