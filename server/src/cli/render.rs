@@ -23,7 +23,7 @@ use std::{
 use lumicast_engine::{
     effects::EffectPlan,
     film::{Display, Film, PictureSize},
-    render::{Illumination, Indirect, Learning, RenderSettings, Rendering},
+    render::{Illumination, Learning, RenderSettings, Rendering},
     transport::World,
 };
 
@@ -65,9 +65,9 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     if format == OutputFormat::Exr && args.exposure != 0.0 {
         eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
     }
-    if args.indirect == Indirect::Octree && args.error.is_some() {
-        let message = "--error: the light octree's error is more than its noise and is not measured yet: \
-                       give --time or --samples, or take --indirect path";
+    if args.indirect.is_learnt() && args.error.is_some() {
+        let message = "--error: the error of the light octree and of the irradiance cache is more than noise and is not \
+                       measured yet: give --time or --samples, or take --indirect path";
         return Err(CliError::Usage(message.into()));
     }
     for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
@@ -278,6 +278,8 @@ impl<'a> Job<'a> {
         let (error, error_ci, error_trimmed) = statistics::shown_errors(rendering.measured_error());
         let plan = EffectPlan::of(self.world.scene());
         let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
+        let records = rendering.records();
+        let learning = light.photon_seconds + light.octree_seconds + records.seconds;
         Statistics {
             version: env!("CARGO_PKG_VERSION"),
             scene: self.args.scene.to_string(),
@@ -299,7 +301,8 @@ impl<'a> Job<'a> {
                 bvh: self.bvh_seconds,
                 photons: light.photon_seconds,
                 octree: light.octree_seconds,
-                frame: outcome.frame_seconds - light.photon_seconds - light.octree_seconds,
+                gather: records.seconds,
+                frame: outcome.frame_seconds - learning,
                 total: outcome.seconds + self.load_seconds,
                 ..Seconds::default()
             },
@@ -311,6 +314,7 @@ impl<'a> Job<'a> {
                 photons_stored: light.photons_stored,
                 voxels: light.voxels,
                 vdls: light.vdls,
+                records: records.count,
                 ..Counts::default()
             },
             bytes: Bytes {
@@ -320,6 +324,7 @@ impl<'a> Job<'a> {
                 lights: report.light_bytes,
                 photons: light.photon_bytes,
                 octree: light.octree_bytes,
+                records: records.bytes,
                 film: film.bytes(),
             },
             effects: statistics::effects(&plan, self.args.indirect, self.args.bounces),

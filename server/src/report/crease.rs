@@ -163,6 +163,14 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         &CARD
     }
 
+    fn has_caustics(&self) -> bool {
+        true
+    }
+
+    fn blur_m(&self) -> f32 {
+        0.0
+    }
+
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let is_front = wo.dot(n_geo) >= 0.0;

@@ -5,6 +5,7 @@
 //! talks to this one.
 
 mod illumination;
+mod learner;
 #[cfg(test)]
 mod tests;
 
@@ -24,6 +25,9 @@ use crate::{
 };
 
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
+pub use learner::RecordReport;
+
+use learner::Learner;
 
 /// Seconds of learning for each second of drawing while there is more to learn: at first what is not known about the light
 /// shows more than the noise of what is sampled.
@@ -39,8 +43,17 @@ pub enum Indirect {
     Path,
     /// The light octree; light seen directly and direct light are sampled.
     Octree,
+    /// The irradiance cache, gathered from direct light and photons; light seen directly and direct light are sampled.
+    Irradiance,
     /// Nothing: only light seen directly and direct light are shown.
     None,
+}
+
+impl Indirect {
+    /// What is drawn is looked up in something learnt before, with an error that is more than noise.
+    pub fn is_learnt(self) -> bool {
+        matches!(self, Indirect::Octree | Indirect::Irradiance)
+    }
 }
 
 /// When a picture that learns of its light by itself is drawn.
@@ -75,7 +88,7 @@ pub struct Rendering {
     technique: Box<dyn Technique>,
     settings: RenderSettings,
     /// What the light is learnt with, where no one else does.
-    illumination: Option<Box<Illumination>>,
+    learner: Option<Box<Learner>>,
     /// Seconds spent on learning less those spent on passes, since the first pass.
     lead_seconds: f64,
     counts: Counts,
@@ -98,13 +111,12 @@ impl Rendering {
         size: PictureSize,
         settings: RenderSettings,
     ) -> Rendering {
-        let illumination = (settings.indirect == Indirect::Octree)
-            .then(|| Box::new(Illumination::new(IlluminationSettings::of(&settings))));
-        Rendering { illumination, ..Rendering::with(world, view, size, settings, None) }
+        let learner = Learner::new(&settings).map(Box::new);
+        Rendering { learner, ..Rendering::with(world, view, size, settings, None) }
     }
 
-    /// An empty film of `view` that is drawn with what is known of the scene's light; with [`Indirect::Octree`] light that
-    /// comes by way of other surfaces is missing where nothing is known.
+    /// An empty film of `view` that is drawn with what is known of the scene's light; with techniques that
+    /// [learn](Indirect::is_learnt) light that comes by way of other surfaces is missing where nothing is known.
     pub fn with(
         world: Arc<World>,
         view: CameraView,
@@ -118,7 +130,7 @@ impl Rendering {
             film: Film::new(size),
             technique: Box::new(tracer(&settings, known)),
             settings,
-            illumination: None,
+            learner: None,
             lead_seconds: 0.0,
             counts: Counts::default(),
         }
@@ -144,8 +156,8 @@ impl Rendering {
     /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept
     /// throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let illumination = self.illumination.as_mut()?;
-        let is_pass_due = match illumination.stage() {
+        let learner = self.learner.as_mut()?;
+        let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
             Stage::Rough => self.film.passes_min() == 0 || self.lead_seconds > 0.0,
@@ -155,11 +167,12 @@ impl Rendering {
             return None;
         }
         let start = Instant::now();
-        let is_first = illumination.stage() == Stage::Nothing;
-        let before = illumination.counts();
-        let is_better = illumination.step(&self.world, cancel);
-        let counts = illumination.counts() - before;
-        let known = illumination.known().cloned();
+        let is_first = learner.stage() == Stage::Nothing;
+        let before = learner.counts();
+        let canvas = Canvas { view: &self.view, film: &mut self.film };
+        let is_better = learner.step(&self.world, canvas, cancel);
+        let counts = learner.counts() - before;
+        let known = learner.known().cloned();
         if is_better {
             self.relight(known);
         }
@@ -178,18 +191,23 @@ impl Rendering {
 
     /// All that is to be known of the light is known: the film is what further passes add to.
     pub fn knows_its_light(&self) -> bool {
-        self.illumination.as_ref().is_none_or(|illumination| illumination.stage() == Stage::Complete)
+        self.learner.as_ref().is_none_or(|learner| learner.stage() == Stage::Complete)
     }
 
     /// What its light was learnt with, where it learns by itself.
     pub fn illumination(&self) -> Option<&Illumination> {
-        self.illumination.as_deref()
+        self.learner.as_ref()?.illumination()
+    }
+
+    /// What its records of irradiance took, where it makes any.
+    pub fn records(&self) -> RecordReport {
+        self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
     }
 
     /// The error of the picture, measured; `None` while it is unknown: below two passes, and for biased techniques, whose
     /// error is more than the noise that two halves of a film differ by.
     pub fn measured_error(&self) -> Option<MeasuredError> {
-        let is_measurable = self.card().bias == Bias::Unbiased && self.settings.indirect != Indirect::Octree;
+        let is_measurable = self.card().bias == Bias::Unbiased && !self.settings.indirect.is_learnt();
         is_measurable.then(|| self.film.measured_error()).flatten()
     }
 
@@ -223,10 +241,10 @@ impl Rendering {
 fn tracer(settings: &RenderSettings, known: Option<Arc<dyn SecondaryLight>>) -> PathTracer {
     let classes = match settings.indirect {
         Indirect::Auto | Indirect::Path => PathClasses::All,
-        Indirect::None | Indirect::Octree => PathClasses::EmittedAndDirect,
+        Indirect::None | Indirect::Octree | Indirect::Irradiance => PathClasses::EmittedAndDirect,
     };
     let path = PathSettings { classes, bounces_max: settings.bounces_max, seed: settings.seed };
-    match known.filter(|_| settings.indirect == Indirect::Octree) {
+    match known.filter(|_| settings.indirect.is_learnt()) {
         Some(known) => PathTracer::with_secondary(path, known),
         None => PathTracer::new(path),
     }

@@ -470,6 +470,52 @@ fn pictures_by_the_octree_show_all_the_light() {
     assert!(dark.iter().all(|rgb| rgb.is_black()));
 }
 
+/// Direct light by sampling and the rest by records add up to what the furnace holds; with bounds on scatterings to the first
+/// terms of its series.
+#[test]
+fn pictures_by_irradiance_records_show_all_the_light() {
+    let world = Arc::new(world_of(samples::furnace(0.6, 0.5).unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(32, 32).unwrap();
+    let series = |bounces: i32| 0.5 * (1.0 - 0.6f32.powi(bounces + 1)) / (1.0 - 0.6);
+    for (bounces_max, expected) in
+        [(None, 1.25), (Some(1), series(1)), (Some(2), series(2)), (Some(3), series(3))]
+    {
+        let settings =
+            RenderSettings { indirect: Indirect::Irradiance, bounces_max, ..RenderSettings::default() };
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        while rendering.passes() < 8 {
+            rendering.step(&AtomicBool::new(false));
+        }
+        assert!(rendering.knows_its_light() && rendering.measured_error().is_none());
+        assert_eq!(rendering.records().count > 0, bounces_max != Some(1));
+        let radiance = rendering.film().radiance();
+        let mean = radiance.iter().map(|rgb| rgb.mean()).sum::<f32>() / radiance.len() as f32;
+        assert!((mean / expected - 1.0).abs() < 0.01, "{bounces_max:?}: {mean} for {expected}");
+    }
+}
+
+/// The same bytes by records, whatever the number of threads.
+#[test]
+fn records_do_not_depend_on_threads() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(24, 24).unwrap();
+    let settings =
+        RenderSettings { indirect: Indirect::Irradiance, bounces_max: Some(2), ..RenderSettings::default() };
+    let picture = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut rendering = Rendering::new(world.clone(), view, size, settings);
+            while rendering.passes() < 2 {
+                rendering.step(&AtomicBool::new(false));
+            }
+            rendering.film().radiance()
+        })
+    };
+    assert_eq!(picture(1), picture(2));
+}
+
 /// An edit that moves render space's origin leaves nothing of what was known around the old one.
 #[test]
 fn a_new_origin_makes_old_light_unknown() {

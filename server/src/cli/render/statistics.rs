@@ -65,7 +65,7 @@ pub(super) struct Seconds {
     pub(super) photons: f64,
     /// Light octree.
     pub(super) octree: f64,
-    /// Final gathering.
+    /// Finding where irradiance records are missing, and gathering them.
     pub(super) gather: f64,
     /// Splatting.
     pub(super) splat: f64,
@@ -113,6 +113,8 @@ pub(super) struct Bytes {
     pub(super) photons: usize,
     /// Light octree.
     pub(super) octree: usize,
+    /// Irradiance records and their index.
+    pub(super) records: usize,
     /// Sums of samples.
     pub(super) film: usize,
 }
@@ -127,7 +129,9 @@ pub(super) struct EffectState {
 }
 
 /// Keys whose parts no technique of today runs.
-const NOT_BUILT: [&str; 4] = ["seconds.gather", "seconds.splat", "counts.records", "counts.texels"];
+const NOT_BUILT: [&str; 2] = ["seconds.splat", "counts.texels"];
+/// Keys of the irradiance cache.
+const OF_RECORDS: [&str; 3] = ["seconds.gather", "counts.records", "bytes.records"];
 /// Keys of the octree and its photons.
 const OF_THE_OCTREE: [&str; 7] = [
     "seconds.photons",
@@ -141,8 +145,9 @@ const OF_THE_OCTREE: [&str; 7] = [
 
 /// Keys that are 0 because nothing of theirs ran.
 pub(super) fn not_run(indirect: Indirect) -> Vec<&'static str> {
-    let unused: &[&str] = if indirect == Indirect::Octree { &[] } else { &OF_THE_OCTREE };
-    NOT_BUILT.iter().chain(unused).copied().collect()
+    let octree: &[&str] = if indirect.is_learnt() { &[] } else { &OF_THE_OCTREE };
+    let records: &[&str] = if indirect == Indirect::Irradiance { &[] } else { &OF_RECORDS };
+    NOT_BUILT.iter().chain(octree).chain(records).copied().collect()
 }
 
 /// The scene's plan as the options left it.

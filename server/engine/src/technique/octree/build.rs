@@ -312,6 +312,9 @@ impl Building {
             });
             gathers.push(LeafGather { radius_m: light.radius_m, chord_rms });
         }
+        // Harmonics do not say of which class they are empty.
+        let has_caustics =
+            !harmonics.is_empty() || sets.iter().any(|set: &LeafSet| set.first_vdl[1] < set.end_vdl);
         let sheet_m = SHEET_CELLS * self.voxels.cube.cell_m();
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
         LightOctree {
@@ -327,6 +330,7 @@ impl Building {
             shaded,
             harmonics,
             counts: self.counts,
+            has_caustics,
         }
     }
 }

@@ -132,6 +132,7 @@ pub struct LightOctree {
     /// By group, then by class; empty unless that is what is kept.
     harmonics: Vec<[Harmonics; 2]>,
     counts: BuildCounts,
+    has_caustics: bool,
 }
 
 /// A light made ready for shading.
@@ -347,6 +348,14 @@ impl SecondaryLight for LightOctree {
         &CARD
     }
 
+    fn has_caustics(&self) -> bool {
+        self.has_caustics
+    }
+
+    fn blur_m(&self) -> f32 {
+        (self.radius_max_m / RADIUS_MAX_EVEN).max(self.settings.radius_cells * self.voxels.cube.cell_m())
+    }
+
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
@@ -382,11 +391,7 @@ impl Shading<'_> {
     /// What the diffuse lobe sends to the eye of light from all around: as if it came from the shading normal's side.
     fn response_to(&self, harmonics: &Harmonics) -> Rgb {
         let irradiance = harmonics.irradiance(self.n_shade);
-        let f = match &self.surface.bsdf {
-            Bsdf::Lambert { albedo } => *albedo * FRAC_1_PI,
-            bsdf => bsdf.eval(self.wo_local, Vec3::Z.copysign(self.wo_local)).diffuse.f_cos,
-        };
-        f * irradiance
+        self.surface.bsdf.diffuse_of_even_light(self.wo_local) * irradiance
     }
 
     /// What the diffuse lobe sends to the eye of some lights. Photons count flux per area of their group's surface; a

@@ -23,10 +23,14 @@ const BOUNCES_END: u32 = 4096;
 #[derive(Clone, Copy)]
 pub(super) struct Tracer<'a> {
     pub(super) world: &'a World,
-    pub(super) view: &'a View,
+    /// Whose picture it is; `None` for rays that do not begin at an eye.
+    pub(super) view: Option<&'a View>,
     pub(super) settings: PathSettings,
     /// What answers for light that does not fall on the first diffuse surface straight from its source.
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
+    /// A first diffuse surface nearer than this is not answered for itself, but what it sees in turn, m: what is known is
+    /// blurred, and so near that shows.
+    pub(super) near_m: f32,
 }
 
 /// A path on its way.
@@ -42,6 +46,8 @@ struct Path<'a> {
     last: Option<LastVertex>,
     /// What the ray crosses; `None` in air and clear glass.
     medium: Option<Absorption>,
+    /// The first diffuse surface was too near to be answered for.
+    is_near: bool,
     sampler: &'a PixelSampler,
 }
 
@@ -62,13 +68,13 @@ fn power_heuristic(pdf: f32, other: f32) -> f32 {
     }
 }
 
-impl Tracer<'_> {
-    /// The ray of one sample of the pixel (`x`, `y`).
-    pub(super) fn primary_ray(&self, x: u32, y: u32, sampler: &PixelSampler) -> Ray {
-        let [dx, dy, ..] = sampler.four(0);
-        self.view.ray(x as f32 + dx, y as f32 + dy)
-    }
+/// The ray of one sample of the pixel (`x`, `y`).
+pub(super) fn primary_ray(view: &View, x: u32, y: u32, sampler: &PixelSampler) -> Ray {
+    let [dx, dy, ..] = sampler.four(0);
+    view.ray(x as f32 + dx, y as f32 + dy)
+}
 
+impl Tracer<'_> {
     /// One sample of a pixel by its primary ray and what that met.
     pub(super) fn sample_pixel(
         &self,
@@ -87,6 +93,7 @@ impl Tracer<'_> {
             eta_squared: 1.0,
             last: None,
             medium: None,
+            is_near: false,
             sampler,
         };
         tally.ray(&path.ray);
@@ -107,7 +114,9 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
-            self.add_environment(path, sample);
+            if !(path.is_near && path.class == PathClass::Caustic) {
+                self.add_environment(path, sample);
+            }
             return false;
         };
         let surface = self.world.surface(&hit, path.ray.direction);
@@ -123,13 +132,26 @@ impl Tracer<'_> {
         if path.bounce == 0 {
             sample.albedo = surface.bsdf.albedo() + surface.unlit;
             sample.normal = surface.frame.n;
-            sample.depth_m = self.view.depth_m(surface.point.position);
+            sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
-        self.add_emission(path, &hit, &surface, sample);
+        // Beyond a near surface only mirrors and glass lead on; what lights do straight by them is known there.
+        let is_beyond_mirrors = path.is_near && path.class == PathClass::Caustic;
+        if !is_beyond_mirrors {
+            self.add_emission(path, &hit, &surface, sample);
+        }
+        if path.is_beyond_near() && path.bounce < self.settings.bounces_max.unwrap_or(BOUNCES_END) {
+            if !surface.bsdf.has_diffuse() {
+                return self.scatter(path, &surface);
+            }
+            self.add_light_sample(path, &surface, sample, tally);
+            self.add_secondary(path, &surface, sample);
+            return false;
+        }
         if self.is_complete(path) {
             return false;
         }
         self.add_light_sample(path, &surface, sample, tally);
+        path.is_near = path.class == PathClass::Emitted && hit.t < self.near_m && surface.bsdf.has_diffuse();
         self.add_secondary(path, &surface, sample);
         self.scatter(path, &surface)
     }
@@ -208,7 +230,12 @@ impl Tracer<'_> {
         let mut add = |lobe: &LobeValue, scatter| {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
-            if self.wants(class) {
+            // No ray goes on from there that light sampling would compete with; glossy lobes are left to what is known.
+            let (weight, is_wanted) = match path.is_beyond_near() {
+                true => (1.0, scatter == Scatter::Diffuse),
+                false => (weight, self.wants(class)),
+            };
+            if is_wanted {
                 sample.radiance[class as usize] += arriving * lobe.f_cos * weight;
             }
         };
@@ -221,11 +248,14 @@ impl Tracer<'_> {
         let Some(secondary) = self.secondary else { return };
         // One scattering less is asked for: that of the light on its way here.
         let is_asked_for = self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces);
-        if path.class != PathClass::Emitted || !is_asked_for || !surface.bsdf.has_diffuse() {
+        let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
+        if !is_asked || !is_asked_for || !surface.bsdf.has_diffuse() {
             return;
         }
         let light = secondary.scattered(surface, -path.ray.direction);
-        sample.radiance[PathClass::Indirect as usize] += path.throughput * light.indirect;
+        if !path.is_near || path.is_beyond_near() {
+            sample.radiance[PathClass::Indirect as usize] += path.throughput * light.indirect;
+        }
         sample.radiance[PathClass::Caustic as usize] += path.throughput * light.caustic;
     }
 
@@ -244,7 +274,7 @@ impl Tracer<'_> {
         let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
-        if !self.wants(class) {
+        if !path.is_beyond_near() && !self.wants(class) {
             return false;
         }
         path.throughput *= drawn.weight;
@@ -265,6 +295,11 @@ impl Tracer<'_> {
 }
 
 impl Path<'_> {
+    /// It went on from a first diffuse surface that was too near to be answered for.
+    fn is_beyond_near(&self) -> bool {
+        self.is_near && self.class != PathClass::Emitted
+    }
+
     /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.
     fn transmittance(&self, shadow_ray: &ShadowRay) -> Rgb {
         let ray = &shadow_ray.ray;

@@ -25,14 +25,17 @@ use rayon::prelude::*;
 
 pub use view::View;
 
-use super::{Bias, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique};
+use super::{ArrivingLight, Bias, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique};
 use crate::{
-    accel::Ray,
+    accel::{Hit, Ray},
     film::{Film, PictureSize, Tile},
-    math::sobol::PixelSampler,
+    math::{Rgb, sobol::PixelSampler},
     transport::{PathClass, ShadowRay, World},
 };
-use cpu::Tracer;
+use cpu::{Tracer, primary_ray};
+
+/// Surfaces that rays of a gather meet nearer than so many times the blur of what is known are looked past.
+const NEAR_BLURS: f32 = 2.0;
 
 /// Which paths are traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,7 +90,9 @@ impl Technique for PathTracer {
             return Progress { complete: true, ..Progress::default() };
         };
         let secondary = self.secondary.as_deref();
-        let tracer = Tracer { world: step.world, view: canvas.view, settings: self.settings, secondary };
+        let view = canvas.view;
+        let tracer =
+            Tracer { world: step.world, view: Some(view), settings: self.settings, secondary, near_m: 0.0 };
         let film = &mut *canvas.film;
         let width = film.size().width();
         // After a cancelled step the tiles it did not reach come first: steps that are all cut short still make progress
@@ -102,7 +107,7 @@ impl Technique for PathTracer {
             .map(|tile| {
                 let mut counts = Counts::default();
                 (!step.cancel.load(Ordering::Relaxed)).then(|| {
-                    trace_tile(&tracer, tile, width, &mut counts);
+                    trace_tile(&tracer, view, tile, width, &mut counts);
                     counts
                 })
             })
@@ -112,6 +117,24 @@ impl Technique for PathTracer {
 
     fn apply(&mut self, _edit: &Edit<'_>) {
         // Nothing is kept of the scene between steps.
+    }
+}
+
+impl ArrivingLight for PathTracer {
+    fn radiance(
+        &self,
+        world: &World,
+        ray: &Ray,
+        met: Option<Hit>,
+        sampler: &PixelSampler,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let secondary = self.secondary.as_deref();
+        let near_m = NEAR_BLURS * secondary.map_or(0.0, |secondary| secondary.blur_m());
+        let tracer = Tracer { world, view: None, settings: self.settings, secondary, near_m };
+        let sample = tracer.sample_pixel(ray, met, sampler, counts);
+        let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
+        scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
     }
 }
 
@@ -164,17 +187,17 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer = Tracer { world, view, settings, secondary: None };
+    let tracer = Tracer { world, view: Some(view), settings, secondary: None, near_m: 0.0 };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
-        trace_tile(&tracer, tile, size.width(), &mut queries);
+        trace_tile(&tracer, view, tile, size.width(), &mut queries);
         queries
     };
     Film::new(size).tiles_mut().par_iter_mut().map(record).collect()
 }
 
 /// One sample for every pixel of the tile.
-fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
+fn trace_tile(tracer: &Tracer<'_>, view: &View, tile: &mut Tile, width: u32, tally: &mut impl Tally) {
     // Even and odd passes draw from sequences of their own: the two halves of the film must be independent.
     let (sequence, index) = (tile.passes() & 1, tile.passes() >> 1);
     let (origin, size) = (tile.origin(), tile.size());
@@ -190,7 +213,7 @@ fn trace_tile(tracer: &Tracer<'_>, tile: &mut Tile, width: u32, tally: &mut impl
     let rays: Vec<Ray> = pixels
         .iter()
         .zip(&samplers)
-        .map(|(pixel, sampler)| tracer.primary_ray(pixel.x + origin.x, pixel.y + origin.y, sampler))
+        .map(|(pixel, sampler)| primary_ray(view, pixel.x + origin.x, pixel.y + origin.y, sampler))
         .collect();
     let mut met = vec![None; rays.len()];
     tracer.world.closest_hits(&rays, &mut met);

@@ -2,17 +2,20 @@
 
 use std::sync::{Arc, atomic::AtomicBool};
 
-use glam::{DAffine3, DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3, Vec3};
 
+use super::{PathClasses, PathSettings, PathTracer};
 use crate::{
+    accel::Ray,
     film::{Film, PictureSize},
-    math::Rgb,
+    math::{Rgb, sobol::PixelSampler},
     render::{Indirect, RenderSettings, Rendering},
     scene::{
         CameraView, Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    transport::{PathClass, World},
+    technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique},
+    transport::{PathClass, Surface, World},
 };
 
 fn render(scene: &Scene, side: u32, passes: u32, settings: RenderSettings) -> Film {
@@ -288,4 +291,60 @@ fn a_cancelled_step_leaves_a_valid_film() {
     assert_eq!(rendering.passes(), 0);
     assert!(rendering.step(&AtomicBool::new(false)).complete);
     assert_eq!(rendering.passes(), 1);
+}
+
+/// What answers for the rest of the light in a furnace, blurred as far as one likes.
+#[derive(Debug)]
+struct EvenSecondary {
+    irradiance: Rgb,
+    blur_m: f32,
+}
+
+impl SecondaryLight for EvenSecondary {
+    fn card(&self) -> &'static Card {
+        PathTracer::new(PathSettings { classes: PathClasses::All, bounces_max: None, seed: 0 }).card()
+    }
+
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+        let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * self.irradiance;
+        ScatteredLight { indirect, caustic: Rgb::BLACK }
+    }
+
+    fn has_caustics(&self) -> bool {
+        false
+    }
+
+    fn blur_m(&self) -> f32 {
+        self.blur_m
+    }
+}
+
+/// Rays of a gather bring what surfaces scatter in a furnace, L − E, whether what they meet is near and looked past or not;
+/// with a bound, the terms of the series up to it.
+#[test]
+fn near_surfaces_are_looked_past_without_loss() {
+    let (albedo, emission) = (0.6f32, 0.5f32);
+    let world = World::prepare(Arc::new(samples::furnace(albedo, emission).unwrap()));
+    let radiance = emission / (1.0 - albedo);
+    for blur_m in [0.0, 100.0] {
+        // All light that arrives but what is emitted straight towards the surface.
+        let irradiance = Rgb::splat(std::f32::consts::PI * (radiance - emission));
+        let secondary = Arc::new(EvenSecondary { irradiance, blur_m });
+        let settings = PathSettings { classes: PathClasses::EmittedAndDirect, bounces_max: None, seed: 3 };
+        let tracer = PathTracer::with_secondary(settings, secondary);
+        let mut counts = Counts::default();
+        const COUNT: u32 = 40_000;
+        let sum: f64 = (0..COUNT)
+            .map(|index| {
+                let [u, v, ..] = crate::math::sobol::point(1, index);
+                let ray = Ray::new(Vec3::new(0.9, -0.9, 0.8), crate::math::warp::sphere([u, v]));
+                let met = world.closest_hit(&ray);
+                let sampler = PixelSampler::new(1, 0, 0, index);
+                f64::from(tracer.radiance(&world, &ray, met, &sampler, &mut counts).mean())
+            })
+            .sum();
+        let mean = sum / f64::from(COUNT);
+        let expected = f64::from(radiance - emission);
+        assert!((mean / expected - 1.0).abs() < 0.01, "blur {blur_m} m: {mean} for {expected}");
+    }
 }

@@ -20,8 +20,12 @@ pub use self::{
     surfaces::{SideId, Surfaces, TriangleSide},
 };
 
-use super::Card;
-use crate::{math::Rgb, transport::Surface};
+use super::{Card, Counts};
+use crate::{
+    accel::{Hit, Ray},
+    math::{Rgb, sobol::PixelSampler},
+    transport::{Surface, World},
+};
 
 /// What a diffuse lobe sends to the eye of light that did not come straight from its source, W/(m² sr).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,6 +43,28 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
 
     /// What the diffuse lobe of `surface` sends to `wo`.
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight;
+
+    /// Some surface receives light that only mirrors and glass sent on.
+    fn has_caustics(&self) -> bool;
+
+    /// How far light is blurred where it is even, m: nearer than that it is not to be looked at.
+    fn blur_m(&self) -> f32;
+}
+
+/// What arrives along rays: what records of light are gathered from.
+pub trait ArrivingLight: fmt::Debug + Send + Sync {
+    /// Radiance that arrives along `ray` from the first diffuse surface on its way, past mirrors and glass: what that surface
+    /// scatters, not what it or a light emits, W/(m² sr).
+    ///
+    /// - `met`: what the ray meets first
+    fn radiance(
+        &self,
+        world: &World,
+        ray: &Ray,
+        met: Option<Hit>,
+        sampler: &PixelSampler,
+        counts: &mut Counts,
+    ) -> Rgb;
 }
 
 /// Photon maps with what changed since the last ones.

@@ -70,6 +70,12 @@ impl Glass {
         super::lambert(self.tint * share, wi, chance)
     }
 
+    /// See [`super::Bsdf::diffuse_of_even_light`]: what enters is normalised by its mean over even light.
+    pub(super) fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
+        let (reflected, _) = fresnel_dielectric(wo.z.abs(), self.eta_from(wo));
+        self.tint * (self.chances(reflected)[2] * std::f32::consts::FRAC_1_PI)
+    }
+
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfValue {
         let eta = self.eta_from(wo);
         let (reflected, _) = fresnel_dielectric(wo.z.abs(), eta);

@@ -53,6 +53,15 @@ impl Gltf {
         !self.is_smooth() || !self.diffuse.is_black()
     }
 
+    /// See [`super::Bsdf::diffuse_of_even_light`]: what enters is normalised by its mean over even light.
+    pub(super) fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
+        if wo.z > 0.0 {
+            self.diffuse * (self.passing(wo.z) * std::f32::consts::FRAC_1_PI)
+        } else {
+            Rgb::BLACK
+        }
+    }
+
     pub(super) fn has_diffuse(&self) -> bool {
         !self.diffuse.is_black()
     }

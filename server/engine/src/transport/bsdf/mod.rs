@@ -109,6 +109,16 @@ impl Bsdf {
         }
     }
 
+    /// What the diffuse lobe sends to `wo` (frame coordinates) of light from all around, over its irradiance, 1/sr.
+    pub fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
+        match self {
+            Bsdf::Black | Bsdf::Mirror { .. } => Rgb::BLACK,
+            Bsdf::Lambert { albedo } => *albedo * std::f32::consts::FRAC_1_PI,
+            Bsdf::Gltf(gltf) => gltf.diffuse_of_even_light(wo),
+            Bsdf::Glass(glass) => glass.diffuse_of_even_light(wo),
+        }
+    }
+
     /// Share of light from straight ahead that is scattered, for the albedo layer.
     pub fn albedo(&self) -> Rgb {
         match self {

@@ -220,3 +220,26 @@ fn fresnel_terms_meet_their_end_points() {
     assert_eq!(fresnel_dielectric(0.5, 1.0 / 1.5).0, 1.0);
     assert!((fresnel_dielectric(0.0, 1.5).0 - 1.0).abs() < 1e-6);
 }
+
+/// What the diffuse lobe makes of even light is the integral of its values, from either side.
+#[test]
+fn even_light_is_scattered_as_the_lobe_adds_up() {
+    const COUNT: u32 = 1 << 14;
+    for (name, bsdf) in with_density() {
+        for wo in [direction(0.95, 0.3), direction(0.3, 2.0), direction(-0.6, 0.5), direction(-0.95, 0.1)] {
+            if wo.z < 0.0 && !matches!(bsdf, Bsdf::Glass(_)) {
+                // Only glass is met from inside.
+                continue;
+            }
+            // Uniform over the sphere, for an irradiance of π.
+            let sum = (0..COUNT).fold(Rgb::BLACK, |sum, index| {
+                let [u, v, ..] = point(5, index);
+                sum + bsdf.eval(wo, direction(2.0 * u - 1.0, std::f32::consts::TAU * v)).diffuse.f_cos
+            });
+            let expected = sum * (4.0 * std::f32::consts::PI / COUNT as f32);
+            let found = bsdf.diffuse_of_even_light(wo) * std::f32::consts::PI;
+            let off = (found - expected).to_array().map(f32::abs);
+            assert!(off.iter().all(|off| *off < 0.01), "{name} from {wo}: {found:?} for {expected:?}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! What a picture that is drawn by itself learns of the light before and while it is drawn.
+
+use std::{
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
+
+use super::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage};
+use crate::{
+    technique::{
+        Canvas, Counts, Products, SecondaryLight, Step, Technique,
+        irradiance::{IrradianceCaching, IrradianceSettings},
+        path::{PathClasses, PathSettings, PathTracer},
+    },
+    transport::World,
+};
+
+/// Photons of other techniques for each that records of irradiance are gathered from: a record takes the mean over hundreds
+/// of places.
+const PHOTON_DIVISOR: u32 = 4;
+
+/// Records are shown when there are so many times as many: whatever is shown anew loses the samples it had.
+const MORE: f64 = 1.4;
+
+/// Photons and octree, and what is gathered from them.
+#[derive(Debug)]
+pub(super) struct Learner {
+    settings: RenderSettings,
+    /// `None` where no bounce is asked for that it would bring.
+    illumination: Option<Illumination>,
+    records: Option<IrradianceCaching>,
+    known: Option<Arc<dyn SecondaryLight>>,
+    /// Records of what is shown.
+    shown_count: usize,
+    record_seconds: f64,
+    record_counts: Counts,
+}
+
+impl Learner {
+    /// `None` for techniques that learn nothing.
+    pub(super) fn new(settings: &RenderSettings) -> Option<Learner> {
+        let illumination = match settings.indirect {
+            Indirect::Octree => Some(IlluminationSettings::of(settings)),
+            Indirect::Irradiance if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
+            // Records are then gathered from direct light alone; photons answer for caustics and where there is no record.
+            Indirect::Irradiance if settings.bounces_max == Some(2) => {
+                Some(IlluminationSettings::of(settings))
+            }
+            // Records add a scattering to what they are gathered from.
+            Indirect::Irradiance => {
+                let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
+                let mut of = IlluminationSettings::of(&RenderSettings { bounces_max, ..*settings });
+                of.photons.emitted_count /= PHOTON_DIVISOR;
+                of.octree.photon_count /= PHOTON_DIVISOR;
+                Some(of)
+            }
+            Indirect::Auto | Indirect::Path | Indirect::None => return None,
+        };
+        Some(Learner {
+            settings: *settings,
+            illumination: illumination.map(Illumination::new),
+            records: None,
+            known: None,
+            shown_count: 0,
+            record_seconds: 0.0,
+            record_counts: Counts::default(),
+        })
+    }
+
+    pub(super) fn stage(&self) -> Stage {
+        let base = self.illumination.as_ref().map_or(Stage::Complete, Illumination::stage);
+        let makes_records = self.settings.indirect == Indirect::Irradiance && self.asks_for_records();
+        if base < Stage::Complete || !makes_records {
+            return base;
+        }
+        match &self.records {
+            Some(records) if records.is_complete() => Stage::Complete,
+            _ => Stage::Rough,
+        }
+    }
+
+    fn asks_for_records(&self) -> bool {
+        self.settings.bounces_max.is_none_or(|bounces| bounces > 1)
+    }
+
+    /// One bounded piece of work on the rayon pool it is called in; true when [`Learner::known`] has become better.
+    pub(super) fn step(&mut self, world: &World, canvas: Canvas<'_>, cancel: &AtomicBool) -> bool {
+        if let Some(illumination) = self.illumination.as_mut().filter(|base| base.stage() != Stage::Complete)
+        {
+            let is_better = illumination.step(world, cancel);
+            self.known = illumination.known().cloned();
+            return is_better;
+        }
+        let start = Instant::now();
+        let records = self.records.get_or_insert_with(|| records_over(&self.settings, self.known.clone()));
+        let mut products = Products::default();
+        let mut step = Step { world, products: &mut products, canvas: Some(canvas), cancel };
+        let progress = records.step(&mut step);
+        self.record_counts += progress.counts;
+        self.record_seconds += start.elapsed().as_secs_f64();
+        let count = records.cache().records().len();
+        let has_many = count > self.shown_count && count as f64 >= MORE * self.shown_count as f64;
+        let is_better = progress.complete || has_many;
+        if is_better {
+            self.known = Some(records.snapshot());
+            self.shown_count = count;
+        }
+        is_better
+    }
+
+    pub(super) fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.known.as_ref()
+    }
+
+    pub(super) fn illumination(&self) -> Option<&Illumination> {
+        self.illumination.as_ref()
+    }
+
+    pub(super) fn counts(&self) -> Counts {
+        self.illumination.as_ref().map(Illumination::counts).unwrap_or_default() + self.record_counts
+    }
+
+    pub(super) fn records(&self) -> RecordReport {
+        let cache = self.records.as_ref().map(IrradianceCaching::cache);
+        RecordReport {
+            seconds: self.record_seconds,
+            count: cache.map_or(0, |cache| cache.records().len() as u64),
+            bytes: cache.map_or(0, |cache| cache.bytes()),
+        }
+    }
+}
+
+/// What records of irradiance took and hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RecordReport {
+    /// Seconds of finding where they are missing and of gathering them.
+    pub seconds: f64,
+    /// How many there are.
+    pub count: u64,
+    /// Bytes of records and their index.
+    pub bytes: usize,
+}
+
+/// Records gathered from direct light and what is known of the rest.
+fn records_over(settings: &RenderSettings, base: Option<Arc<dyn SecondaryLight>>) -> IrradianceCaching {
+    let path = PathSettings {
+        classes: PathClasses::EmittedAndDirect,
+        bounces_max: settings.bounces_max.map(|bounces| bounces - 1),
+        seed: settings.seed,
+    };
+    let arriving = match base.clone() {
+        Some(base) => PathTracer::with_secondary(path, base),
+        None => PathTracer::new(path),
+    };
+    let of = IrradianceSettings { seed: settings.seed, ..IrradianceSettings::default() };
+    IrradianceCaching::new(of, Arc::new(arriving), base)
+}

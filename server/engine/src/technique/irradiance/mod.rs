@@ -1,0 +1,338 @@
+//! Irradiance cache: light that changes slowly is computed at few places and interpolated between them.
+//!
+//! A record holds what a point receives by way of other surfaces, gathered by stratified rays over its hemisphere, with
+//! gradients for turning and moving [Ward1988; Ward1992; Gautron2008, 8] (`record.rs`). Each ray brings the light that falls
+//! straight on the surface it meets and what is known of the rest there (photons, by way of the light octree), so that all
+//! bounces are there. A walk over the picture finds where no record counts (`walk.rs`); records are valid for every camera.
+//!
+//! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
+
+mod index;
+mod record;
+#[cfg(test)]
+mod tests;
+mod walk;
+
+use std::{
+    num::NonZeroUsize,
+    sync::{Arc, atomic::Ordering},
+};
+
+use glam::Vec3;
+
+pub use self::record::{Gradient, Record, Weighing};
+
+use self::{index::Index, walk::Walk};
+use super::{ArrivingLight, Bias, Card, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique};
+use crate::{
+    film::PictureSize,
+    math::Rgb,
+    transport::{PathClass, Surface},
+};
+
+/// Parameters of the irradiance cache.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IrradianceSettings {
+    /// How records are weighed.
+    pub weighing: Weighing,
+    /// Rays of a record, about.
+    pub ray_count: NonZeroUsize,
+    /// Records made in one step at most.
+    pub records_per_step: NonZeroUsize,
+    /// Records kept at most; where there are more, the light falls back on what they are gathered from.
+    pub records_max: usize,
+    /// Radii grow from record to record no faster than the distance between them, so that no corner is overlooked
+    /// [Krivanek2006].
+    pub clamps_neighbours: bool,
+    /// A record counts over so many pixels of its first sight at least.
+    pub pixels_min: f32,
+    /// Names the random numbers.
+    pub seed: u64,
+}
+
+const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(800).unwrap();
+const RECORDS_PER_STEP: NonZeroUsize = NonZeroUsize::new(100).unwrap();
+
+impl Default for IrradianceSettings {
+    fn default() -> IrradianceSettings {
+        IrradianceSettings {
+            weighing: Weighing { accuracy: 0.15, is_smooth: true, has_gradients: true },
+            ray_count: RAY_COUNT,
+            records_per_step: RECORDS_PER_STEP,
+            records_max: 500_000,
+            clamps_neighbours: true,
+            pixels_min: 4.0,
+            seed: 0,
+        }
+    }
+}
+
+impl IrradianceSettings {
+    /// With an accuracy so many times as large.
+    fn rougher(self, by: f32) -> IrradianceSettings {
+        let accuracy = self.weighing.accuracy * by;
+        IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, ..self }
+    }
+
+    /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992].
+    fn strata(&self) -> (usize, usize) {
+        let rings = (self.ray_count.get() as f32 / std::f32::consts::PI).sqrt().round().max(2.0) as usize;
+        (rings, (std::f32::consts::PI * rings as f32).round() as usize)
+    }
+}
+
+/// Records and where they are; what is known where there are none.
+#[derive(Clone, Debug)]
+pub struct IrradianceCache {
+    settings: IrradianceSettings,
+    records: Vec<Record>,
+    index: Index,
+    /// What answers where no record counts, and for caustics.
+    base: Option<Arc<dyn SecondaryLight>>,
+    /// Answers before that: records that count farther.
+    rougher: Option<Arc<IrradianceCache>>,
+    /// Records whose radius a neighbour has made smaller.
+    shrunk_count: u64,
+}
+
+static CARD: Card =
+    Card { name: "irradiance", classes: &[PathClass::Indirect, PathClass::Caustic], bias: Bias::Biased };
+
+impl IrradianceCache {
+    /// No records yet.
+    pub fn new(settings: IrradianceSettings, base: Option<Arc<dyn SecondaryLight>>) -> IrradianceCache {
+        IrradianceCache {
+            settings,
+            records: Vec::new(),
+            index: Index::default(),
+            base,
+            rougher: None,
+            shrunk_count: 0,
+        }
+    }
+
+    /// Irradiance where records count, these or rougher ones.
+    fn any_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+        self.irradiance(p, n).or_else(|| self.rougher.as_ref()?.any_irradiance(p, n))
+    }
+
+    /// The records, oldest first.
+    pub fn records(&self) -> &[Record] {
+        &self.records
+    }
+
+    /// Irradiance at a point that faces `n` [eq. 8.1], W/m²; `None` where no record counts.
+    pub fn irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+        let weighing = &self.settings.weighing;
+        let mut sum = Rgb::BLACK;
+        let mut weights = 0.0;
+        for place in self.index.around(p) {
+            let record = &self.records[place as usize];
+            let weight = record.weight(p, n, weighing);
+            if weight > 0.0 {
+                sum += record.irradiance_at(p, n, weighing) * weight;
+                weights += weight;
+            }
+        }
+        (weights > 0.0).then(|| sum * (1.0 / weights))
+    }
+
+    /// Takes a record in, and clamps its radius and those of its neighbours to each other.
+    pub fn insert(&mut self, mut record: Record) {
+        if self.settings.clamps_neighbours {
+            let near: Vec<u32> = self.index.around(record.position).collect();
+            let away = |other: &Record| other.position.distance(record.position);
+            for place in &near {
+                let other = &self.records[*place as usize];
+                if other.normal.dot(record.normal) > 0.0 {
+                    record.radius_m = record.radius_m.min(other.radius_m + away(other));
+                }
+            }
+            for place in near {
+                let other = &mut self.records[place as usize];
+                if other.normal.dot(record.normal) > 0.0 {
+                    // Its entries in the index reach as far as before, which is too far and does no harm.
+                    let radius_m = record.radius_m + away(other);
+                    if radius_m < other.radius_m {
+                        other.radius_m = radius_m;
+                        self.shrunk_count += 1;
+                    }
+                }
+            }
+        }
+        self.index.insert(
+            self.records.len() as u32,
+            record.position,
+            record.reach_m(self.settings.weighing.accuracy),
+        );
+        self.records.push(record);
+    }
+
+    /// Memory of records and their index.
+    pub fn bytes(&self) -> usize {
+        let rougher = self.rougher.as_ref().map_or(0, |rougher| rougher.bytes());
+        self.records.len() * size_of::<Record>() + self.index.bytes() + rougher
+    }
+}
+
+impl SecondaryLight for IrradianceCache {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn has_caustics(&self) -> bool {
+        self.base.as_ref().is_some_and(|base| base.has_caustics())
+    }
+
+    fn blur_m(&self) -> f32 {
+        // Where records are close together they say more than that; not how close they are everywhere.
+        self.base.as_ref().map_or(0.0, |base| base.blur_m())
+    }
+
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+        let base =
+            || self.base.as_ref().map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo));
+        let n = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
+        match self.any_irradiance(surface.point.position, n) {
+            Some(irradiance) => {
+                let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * irradiance;
+                let caustic = if self.has_caustics() { base().caustic } else { Rgb::BLACK };
+                ScatteredLight { indirect, caustic }
+            }
+            None => base(),
+        }
+    }
+}
+
+/// Accuracies, as multiples of the one asked for, for which the whole view gets its records first: a rough picture comes
+/// soon, and what is made for it stays.
+const ROUGHER: [f32; 3] = [4.0, 2.0, 1.0];
+
+/// Walks over every pixel after the first at each accuracy, at most.
+const WALKS_AGAIN_MAX: u32 = 4;
+
+/// Making records for a view, on the rayon pool it is called in.
+#[derive(Debug)]
+pub struct IrradianceCaching {
+    settings: IrradianceSettings,
+    base: Option<Arc<dyn SecondaryLight>>,
+    cache: IrradianceCache,
+    /// Place in [`ROUGHER`].
+    round: usize,
+    arriving: Arc<dyn ArrivingLight>,
+    walk: Option<Walk>,
+    /// What `shrunk_count` was when the walk began.
+    shrunk_before: u64,
+    walks_again: u32,
+    is_done: bool,
+}
+
+impl IrradianceCaching {
+    /// No records yet.
+    ///
+    /// - `arriving`: what the rays of a record bring
+    /// - `base`: what answers where no record counts, and for caustics
+    pub fn new(
+        settings: IrradianceSettings,
+        arriving: Arc<dyn ArrivingLight>,
+        base: Option<Arc<dyn SecondaryLight>>,
+    ) -> IrradianceCaching {
+        let cache = IrradianceCache::new(settings.rougher(ROUGHER[0]), base.clone());
+        IrradianceCaching {
+            settings,
+            base,
+            cache,
+            round: 0,
+            arriving,
+            walk: None,
+            shrunk_before: 0,
+            walks_again: 0,
+            is_done: false,
+        }
+    }
+
+    /// What is to be shown: a copy of the records, for others to look things up in.
+    pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
+        Arc::new(self.cache.clone())
+    }
+
+    /// The records so far.
+    pub fn cache(&self) -> &IrradianceCache {
+        &self.cache
+    }
+
+    /// Every pixel of the view was visited, or no more records fit.
+    pub fn is_complete(&self) -> bool {
+        self.is_full() || self.is_done
+    }
+
+    fn begin_walk(&mut self) {
+        self.walk = None;
+        self.shrunk_before = self.cache.shrunk_count;
+        self.walks_again = 0;
+    }
+
+    /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
+    /// or a finer accuracy.
+    fn after_walk(&mut self, size: PictureSize) {
+        if self.cache.shrunk_count > self.shrunk_before && self.walks_again < WALKS_AGAIN_MAX {
+            self.walk = Some(Walk::over_all(size));
+            self.shrunk_before = self.cache.shrunk_count;
+            self.walks_again += 1;
+        } else if self.round + 1 < ROUGHER.len() {
+            self.refine();
+        } else {
+            self.is_done = true;
+        }
+    }
+
+    /// Goes on to a finer accuracy: all records stay, and where they do not reach any more the rougher answer still counts.
+    fn refine(&mut self) {
+        self.round += 1;
+        let settings = self.settings.rougher(ROUGHER[self.round]);
+        let finer = IrradianceCache::new(settings, self.base.clone());
+        let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
+        rougher.records.iter().for_each(|record| self.cache.insert(*record));
+        self.cache.rougher = Some(rougher);
+        self.begin_walk();
+    }
+
+    fn is_full(&self) -> bool {
+        self.cache.records.len() >= self.cache.settings.records_max
+    }
+}
+
+impl Technique for IrradianceCaching {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        let Some(canvas) = &step.canvas else { return Progress { complete: true, ..Progress::default() } };
+        if self.is_complete() {
+            return Progress { complete: true, ..Progress::default() };
+        }
+        if step.cancel.load(Ordering::Relaxed) {
+            return Progress::default();
+        }
+        let settings = self.cache.settings;
+        let walk = self.walk.get_or_insert_with(|| Walk::over(canvas.film.size()));
+        let room = settings.records_max - self.cache.records.len();
+        let missing =
+            walk.missing(step.world, canvas, &self.cache, settings.records_per_step.get().min(room));
+        let (records, counts) = record::gather_all(step.world, &missing, &settings, &*self.arriving);
+        records.into_iter().for_each(|record| self.cache.insert(record));
+        if self.walk.as_ref().is_some_and(Walk::is_complete) {
+            self.after_walk(canvas.film.size());
+        }
+        Progress { counts, complete: self.is_complete() }
+    }
+
+    fn apply(&mut self, _edit: &Edit<'_>) {
+        // Every record may have seen what changed.
+        self.round = 0;
+        self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
+        self.is_done = false;
+        self.begin_walk();
+    }
+}

@@ -1,0 +1,294 @@
+//! Laws of the irradiance cache [techniques.md].
+
+use std::{num::NonZeroUsize, sync::Arc};
+
+use glam::Vec3;
+
+use super::*;
+use crate::{
+    accel::{Hit, Ray, SurfacePoint},
+    math::sobol::{self, PixelSampler, point},
+    scene::samples,
+    technique::Counts,
+    transport::World,
+};
+
+/// Walls that shine as painted, wherever they are looked at from.
+struct Painted<F>(F);
+
+impl<F> std::fmt::Debug for Painted<F> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Painted")
+    }
+}
+
+impl<F: Fn(Vec3) -> Rgb + Send + Sync> ArrivingLight for Painted<F> {
+    fn radiance(
+        &self,
+        _world: &World,
+        ray: &Ray,
+        met: Option<Hit>,
+        _sampler: &PixelSampler,
+        _counts: &mut Counts,
+    ) -> Rgb {
+        met.map_or(Rgb::BLACK, |hit| (self.0)(ray.origin + ray.direction * hit.t))
+    }
+}
+
+/// A box from −1 to 1 m.
+fn room() -> World {
+    World::prepare(Arc::new(samples::furnace(0.5, 0.5).unwrap()))
+}
+
+/// The point of the floor below a place.
+fn floor(world: &World, x: f32, z: f32) -> SurfacePoint {
+    let ray = Ray::new(Vec3::new(x, 0.0, z), Vec3::NEG_Y);
+    world.surface(&world.closest_hit(&ray).unwrap(), ray.direction).point
+}
+
+fn with_rays(count: usize) -> IrradianceSettings {
+    IrradianceSettings { ray_count: NonZeroUsize::new(count).unwrap(), ..IrradianceSettings::default() }
+}
+
+fn record(world: &World, x: f32, z: f32, n: Vec3, rays: usize, arriving: &dyn ArrivingLight) -> Record {
+    let mut counts = Counts::default();
+    Record::gather(world, &floor(world, x, z), n, 0.0, &with_rays(rays), arriving, &mut counts)
+}
+
+/// Even light of radiance 1 is an irradiance of π from wherever, and does not change.
+#[test]
+fn a_white_furnace_gives_pi() {
+    let world = room();
+    let even = Painted(|_| Rgb::WHITE);
+    for (x, z) in [(0.0, 0.0), (0.99, -0.99), (-0.3, 0.999_99)] {
+        let record = record(&world, x, z, Vec3::Y, 800, &even);
+        for channel in record.irradiance.to_array() {
+            assert!((channel / std::f32::consts::PI - 1.0).abs() < 1e-3, "{channel}");
+        }
+        assert!(record.moving.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", record.moving);
+        assert!(record.turning.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", record.turning);
+        assert!(record.radius_m > 0.0 && record.radius_m.is_finite());
+    }
+}
+
+/// Gradients are what finite differences of many more rays say, channel by channel.
+#[test]
+fn gradients_agree_with_finite_differences() {
+    let world = room();
+    let painted = Painted(|p: Vec3| {
+        Rgb::new(1.0 + 0.8 * p.x, (1.5 * p.z).sin() + 1.1, if p.y > 0.5 { 2.0 + p.x * p.z } else { 0.2 })
+    });
+    const STEP: f32 = 0.05;
+    const MANY: usize = 60_000;
+    for (x, z) in [(0.0, 0.0), (0.4, -0.3), (-0.6, 0.5)] {
+        let here = record(&world, x, z, Vec3::Y, 6_000, &painted);
+        let irradiance =
+            |x: f32, z: f32, n: Vec3| record(&world, x, z, n, MANY, &painted).irradiance.to_array();
+        let difference = |a: [f32; 3], b: [f32; 3], channel: usize| (a[channel] - b[channel]) / (2.0 * STEP);
+        let along_x = [irradiance(x + STEP, z, Vec3::Y), irradiance(x - STEP, z, Vec3::Y)];
+        let along_z = [irradiance(x, z + STEP, Vec3::Y), irradiance(x, z - STEP, Vec3::Y)];
+        for channel in 0..3 {
+            let expected = Vec3::new(
+                difference(along_x[0], along_x[1], channel),
+                0.0,
+                difference(along_z[0], along_z[1], channel),
+            );
+            let found = here.moving[channel];
+            let off = found.distance(expected);
+            assert!(off < 0.1 * expected.length() + 0.06, "{channel}: {found} for {expected}");
+        }
+        for axis in [Vec3::X, Vec3::Z] {
+            let turned = |by: f32| (Vec3::Y + axis * by).normalize();
+            let [more, less] = [irradiance(x, z, turned(STEP)), irradiance(x, z, turned(-STEP))];
+            for channel in 0..3 {
+                let expected = difference(more, less, channel);
+                let found = Vec3::Y.cross(axis).dot(here.turning[channel]);
+                assert!(
+                    (found - expected).abs() < 0.05 * expected.abs() + 0.08,
+                    "{channel}: {found} for {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// Twice the light is twice the record, to the last bit, over eighteen orders of magnitude.
+#[test]
+fn records_are_linear_in_light() {
+    let world = room();
+    let painted = |scale: f32| Painted(move |p: Vec3| Rgb::new(1.0 + p.x, 0.5, (p.z + 1.0) * 1e-3) * scale);
+    let one = record(&world, 0.2, 0.1, Vec3::Y, 500, &painted(1.0));
+    for exponent in [-30, 1, 30] {
+        let scale = 2f32.powi(exponent);
+        let other = record(&world, 0.2, 0.1, Vec3::Y, 500, &painted(scale));
+        assert_eq!(other.irradiance, one.irradiance * scale);
+        assert_eq!(other.radius_m, one.radius_m);
+        assert_eq!(other.moving, one.moving.map(|gradient| gradient * scale));
+    }
+}
+
+/// In a corner, at a point light of dazzling paint and where paint is not a number, records stay finite and nowhere negative.
+#[test]
+fn records_stay_finite() {
+    let world = room();
+    let wild = Painted(|p: Vec3| match p {
+        p if p.x > 0.999 => Rgb::splat(f32::NAN),
+        p if p.z > 0.9 && p.y > 0.9 => Rgb::splat(1e9),
+        _ => Rgb::splat(1e-9),
+    });
+    for (x, z) in [(0.999_99, 0.999_99), (-0.999_999, 0.0), (0.0, 0.0)] {
+        let record = record(&world, x, z, Vec3::Y, 500, &wild);
+        assert!(record.irradiance.is_finite() && record.radius_m.is_finite() && record.radius_m > 0.0);
+        assert!(record.moving.iter().chain(&record.turning).all(|gradient| gradient.is_finite()));
+        let weighing = IrradianceSettings::default().weighing;
+        for (p, n) in
+            [(record.position, Vec3::Y), (record.position + Vec3::X, Vec3::X), (Vec3::ZERO, Vec3::Z)]
+        {
+            let light = record.irradiance_at(p, n, &weighing);
+            assert!(light.is_finite() && light.to_array().iter().all(|channel| *channel >= 0.0), "{light:?}");
+            assert!(record.weight(p, n, &weighing).is_finite());
+        }
+    }
+}
+
+fn somewhere(index: u32, irradiance: f32) -> Record {
+    let [x, z, r, _] = point(11, index);
+    Record {
+        position: Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0),
+        normal: Vec3::Y,
+        irradiance: Rgb::splat(irradiance),
+        radius_m: 0.1 + 1.2 * r * r,
+        reach_min_m: 0.0,
+        turning: [Vec3::ZERO; 3],
+        moving: [Vec3::ZERO; 3],
+    }
+}
+
+/// Records count in front, on the side they face, and up to a · R; smoothly to nothing there if asked for.
+#[test]
+fn weights_are_those_of_the_paper() {
+    let record = Record { position: Vec3::ZERO, radius_m: 2.0, ..somewhere(0, 1.0) };
+    let original = Weighing { accuracy: 0.2, is_smooth: false, has_gradients: true };
+    let smooth = Weighing { is_smooth: true, ..original };
+    // 1 / (0.1 / 2 + 0).
+    assert!((record.weight(Vec3::X * 0.1, Vec3::Y, &original) - 20.0).abs() < 1e-3);
+    assert!((record.weight(Vec3::X * 0.1, Vec3::Y, &smooth) - 15.0).abs() < 1e-3);
+    // a · R = 0.4.
+    assert!(record.weight(Vec3::X * 0.399, Vec3::Y, &original) >= 5.0);
+    assert_eq!(record.weight(Vec3::X * 0.401, Vec3::Y, &original), 0.0);
+    assert!(record.weight(Vec3::X * 0.3999, Vec3::Y, &smooth) < 0.01);
+    // √(1 − cos) < 0.2 up to 16.26°.
+    let turned = |degrees: f32| Vec3::new(degrees.to_radians().sin(), degrees.to_radians().cos(), 0.0);
+    assert!(record.weight(Vec3::ZERO, turned(16.0), &original) > 0.0);
+    assert_eq!(record.weight(Vec3::ZERO, turned(16.5), &original), 0.0);
+    // The other side of a thin wall, and what lies behind.
+    assert_eq!(record.weight(Vec3::Y * -1e-4, Vec3::NEG_Y, &original), 0.0);
+    assert_eq!(record.weight(Vec3::new(0.1, -0.1, 0.0), Vec3::Y, &original), 0.0);
+    // At the very point.
+    assert!(record.weight(Vec3::ZERO, Vec3::Y, &original).is_finite());
+}
+
+/// The index leaves out no record that counts, at any scale.
+#[test]
+fn the_index_finds_every_record_that_counts() {
+    for scale in [1e-4f32, 1.0, 1e4] {
+        let settings = IrradianceSettings { clamps_neighbours: false, ..IrradianceSettings::default() };
+        let mut cache = IrradianceCache::new(settings, None);
+        for index in 0..100 {
+            let record = somewhere(index, 1.0 + index as f32);
+            let (position, radius_m) = (record.position * scale, record.radius_m * scale);
+            cache.insert(Record { position, radius_m, ..record });
+        }
+        let weighing = &settings.weighing;
+        let mut covered = 0;
+        for index in 0..2000 {
+            let [x, z, ..] = point(12, index);
+            let p = Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0) * scale;
+            let (sum, weights) = cache.records().iter().fold((0.0, 0.0), |(sum, weights), record| {
+                let weight = record.weight(p, Vec3::Y, weighing);
+                (sum + record.irradiance.r * weight, weights + weight)
+            });
+            match cache.irradiance(p, Vec3::Y) {
+                Some(found) => assert!((found.r - sum / weights).abs() < 1e-3 * found.r, "{scale}"),
+                None => assert!(weights <= 0.0, "{scale}: {p} lies within a record"),
+            }
+            covered += u32::from(weights > 0.0);
+        }
+        assert!(covered > 500 && covered < 1900, "{covered}");
+    }
+}
+
+/// Where radii are clamped, none is larger than a neighbour's plus the way there.
+#[test]
+fn neighbours_clamp_each_other() {
+    let mut cache = IrradianceCache::new(IrradianceSettings::default(), None);
+    for index in 0..300 {
+        cache.insert(somewhere(index, 1.0));
+    }
+    let small = Record { radius_m: 1e-3, ..somewhere(300, 1.0) };
+    cache.insert(small);
+    let shrunk = cache
+        .records()
+        .iter()
+        .take(300)
+        .zip(0..)
+        .filter(|(now, index)| now.radius_m < somewhere(*index, 1.0).radius_m);
+    assert!(shrunk.count() > 30);
+    let reach = |record: &Record| record.reach_m(0.15);
+    for record in cache.records() {
+        let away = record.position.distance(small.position);
+        if away < 0.9 * reach(record) {
+            assert!(record.radius_m <= small.radius_m + away + 1e-6, "{} at {away}", record.radius_m);
+        }
+    }
+}
+
+/// A record depends on its place alone: the same bytes again, and others elsewhere.
+#[test]
+fn records_are_named_by_their_place() {
+    let world = room();
+    let painted =
+        Painted(|p: Vec3| Rgb::splat(if sobol::mix(u64::from(p.x.to_bits())) & 1 == 0 { 1.0 } else { 0.0 }));
+    let a = record(&world, 0.3, 0.3, Vec3::Y, 100, &painted);
+    assert_eq!(a, record(&world, 0.3, 0.3, Vec3::Y, 100, &painted));
+    assert_ne!(a.irradiance, record(&world, 0.31, 0.3, Vec3::Y, 100, &painted).irradiance);
+}
+
+/// Fewer bytes than the 256 that a record may take.
+#[test]
+fn a_record_is_small() {
+    assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
+}
+
+/// When it is done every pixel is covered, whatever the size of the picture, though neighbours make each other smaller.
+#[test]
+fn the_walk_leaves_no_pixel_out() {
+    let world = room();
+    let painted: Arc<dyn ArrivingLight> =
+        Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y * p.z)));
+    let camera = world.scene().camera_view(None).unwrap();
+    let never = std::sync::atomic::AtomicBool::new(false);
+    for (width, height) in [(1, 1), (33, 1), (31, 17), (64, 48)] {
+        let size = PictureSize::new(width, height).unwrap();
+        let (view, mut film) =
+            (crate::technique::path::View::new(&world, &camera, size), crate::film::Film::new(size));
+        let mut caching = IrradianceCaching::new(with_rays(60), painted.clone(), None);
+        for _ in 0..10_000 {
+            let canvas = Some(crate::technique::Canvas { view: &view, film: &mut film });
+            let mut products = crate::technique::Products::default();
+            let mut step = Step { world: &world, products: &mut products, canvas, cancel: &never };
+            if caching.step(&mut step).complete {
+                break;
+            }
+        }
+        assert!(caching.is_complete());
+        for y in 0..height {
+            for x in 0..width {
+                let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
+                let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+                let found = caching.cache().irradiance(surface.point.position, surface.frame.n);
+                assert!(found.is_some(), "{width}x{height}: pixel {x} {y}");
+            }
+        }
+    }
+}
