@@ -328,7 +328,7 @@ impl<'a> Job<'a> {
                 film: film.bytes(),
             },
             effects: statistics::effects(&plan, self.args.indirect, self.args.bounces),
-            not_run: not_run(self.args.indirect),
+            not_run: not_run(rendering.illumination().is_some(), records.count > 0),
         }
     }
 }

@@ -42,14 +42,8 @@ impl Learner {
         let illumination = match settings.indirect {
             Indirect::Octree => Some(IlluminationSettings::of(settings)),
             Indirect::Irradiance if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
-            // Records are then gathered from direct light alone; photons answer for caustics and where there is no record.
-            Indirect::Irradiance if settings.bounces_max == Some(2) => {
-                Some(IlluminationSettings::of(settings))
-            }
-            // Records add a scattering to what they are gathered from.
             Indirect::Irradiance => {
-                let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
-                let mut of = IlluminationSettings::of(&RenderSettings { bounces_max, ..*settings });
+                let mut of = IlluminationSettings::of(settings);
                 of.photons.emitted_count /= PHOTON_DIVISOR;
                 of.octree.photon_count /= PHOTON_DIVISOR;
                 Some(of)
@@ -141,14 +135,12 @@ pub struct RecordReport {
     pub bytes: usize,
 }
 
-/// Records gathered from direct light and what is known of the rest.
+/// Records gathered from direct light and what is known of the rest. With a bound on scatterings their rays are traced to the
+/// end instead: photons know only what reaches a surface by all of the scatterings asked for, one more than is left there.
 fn records_over(settings: &RenderSettings, base: Option<Arc<dyn SecondaryLight>>) -> IrradianceCaching {
-    let path = PathSettings {
-        classes: PathClasses::EmittedAndDirect,
-        bounces_max: settings.bounces_max.map(|bounces| bounces - 1),
-        seed: settings.seed,
-    };
-    let arriving = match base.clone() {
+    let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
+    let path = PathSettings { classes: PathClasses::All, bounces_max, seed: settings.seed };
+    let arriving = match base.clone().filter(|_| bounces_max.is_none()) {
         Some(base) => PathTracer::with_secondary(path, base),
         None => PathTracer::new(path),
     };

@@ -75,6 +75,13 @@ pub(super) struct Seconds {
     pub(super) total: f64,
 }
 
+impl Seconds {
+    /// Of everything that traces rays.
+    fn of_rays(&self) -> f64 {
+        self.photons + self.octree + self.gather + self.frame
+    }
+}
+
 /// How many of each.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub(super) struct Counts {
@@ -144,9 +151,9 @@ const OF_THE_OCTREE: [&str; 7] = [
 ];
 
 /// Keys that are 0 because nothing of theirs ran.
-pub(super) fn not_run(indirect: Indirect) -> Vec<&'static str> {
-    let octree: &[&str] = if indirect.is_learnt() { &[] } else { &OF_THE_OCTREE };
-    let records: &[&str] = if indirect == Indirect::Irradiance { &[] } else { &OF_RECORDS };
+pub(super) fn not_run(has_photons: bool, has_records: bool) -> Vec<&'static str> {
+    let octree: &[&str] = if has_photons { &[] } else { &OF_THE_OCTREE };
+    let records: &[&str] = if has_records { &[] } else { &OF_RECORDS };
     NOT_BUILT.iter().chain(octree).chain(records).copied().collect()
 }
 
@@ -201,7 +208,7 @@ impl Statistics {
             self.samples_per_pixel,
             self.seconds.total - self.seconds.load,
             self.seconds.load,
-            self.counts.rays as f64 / self.seconds.frame.max(1e-9) / 1e6,
+            self.counts.rays as f64 / self.seconds.of_rays().max(1e-9) / 1e6,
             self.stopped_by,
         )
     }

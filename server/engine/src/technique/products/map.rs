@@ -150,7 +150,8 @@ const FIRST_GUESS: f32 = 0.05;
 pub struct GatherBounds {
     /// Middle, render space.
     pub centre: Vec3,
-    /// Where the surfaces face, unit. Distances along it count [`FLATNESS`] times: what lies above or below is another sheet.
+    /// Where the surfaces face, unit. Distances along it count more: what lies above or below is another
+    /// sheet.
     pub normal: Vec3,
     /// Radius to be content with, m, if that many photons lie within it; one that is not less than `radius_max_m` says that
     /// just the nearest `count_min` are asked for …
