@@ -43,20 +43,23 @@ fn a_picture_is_rendered_and_described() {
 /// The octree's picture of so many samples is the same to the last byte on one thread and on two, has exactly those
 /// samples, and says what it was made of.
 #[test]
-fn octree_pictures_depend_on_no_clock_and_no_threads() {
+fn learnt_pictures_depend_on_no_clock_and_no_threads() {
     let folder = tempfile::tempdir().unwrap();
-    let picture = |threads: u32| {
+    let picture = |technique: &str, threads: u32| {
         let line = format!(
-            "render builtin:cornell-box --indirect octree --size 48x48 --samples 2 --threads {threads} --out {threads}.exr --json"
+            "render builtin:cornell-box --indirect {technique} --size 32x32 --samples 2 --threads {threads} --out {threads}.exr --json"
         );
         let (code, stdout, stderr) = run(folder.path(), &line);
         assert_eq!(code, Some(0), "{stderr}");
         let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
-        assert_eq!((&facts["samples_per_pixel"], &facts["technique"]), (&2.into(), &"octree".into()));
+        assert_eq!((&facts["samples_per_pixel"], &facts["technique"]), (&2.into(), &technique.into()));
         assert!(facts["error"].is_null() && facts["counts"]["voxels"].as_u64().unwrap() > 1000, "{facts}");
+        assert_eq!(facts["counts"]["records"].as_u64().unwrap() > 0, technique == "irradiance");
         std::fs::read(folder.path().join(format!("{threads}.exr"))).unwrap()
     };
-    assert_eq!(picture(1), picture(2));
+    for technique in ["octree", "irradiance"] {
+        assert_eq!(picture(technique, 1), picture(technique, 2), "{technique}");
+    }
 }
 
 /// Wrong usage exits with 2, a file that cannot be read with 1; both say what was wrong and print no facts.
@@ -64,7 +67,8 @@ fn octree_pictures_depend_on_no_clock_and_no_threads() {
 fn exit_codes_tell_what_kind_of_failure_it_was() {
     let folder = tempfile::tempdir().unwrap();
     let cases = [
-        ("render builtin:cornell-box --out a.exr --indirect irradiance", 2, "does not exist yet"),
+        ("render builtin:cornell-box --out a.exr --indirect lightmap", 2, "does not exist yet"),
+        ("render builtin:cornell-box --out a.exr --indirect irradiance --error 2%", 2, "not measured yet"),
         ("render builtin:cornell-box --out a.exr --indirect octree --error 2%", 2, "not measured yet"),
         ("render builtin:cornell-box --out a.exr --backend gpu", 2, "does not exist yet"),
         ("render builtin:cornell-box --out a.exr --size 0x5", 2, "0×5"),
