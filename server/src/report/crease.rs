@@ -178,8 +178,7 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         let place = TriangleSide { instance: on.instance, triangle: on.triangle, is_front };
         let n = if is_front { n_geo } else { -n_geo };
         let [indirect, caustic] = self.0.irradiance(place, surface.point.position, n);
-        // Irradiance has no direction: the diffuse lobe is asked for light from straight above, where its cosine is 1.
-        let f = surface.bsdf.eval(surface.frame.to_local(wo), Vec3::Z).diffuse.f_cos;
+        let f = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo));
         ScatteredLight { indirect: f * indirect, caustic: f * caustic }
     }
 }

@@ -26,7 +26,7 @@ const MORE: f64 = 1.4;
 #[derive(Debug)]
 pub(super) struct Learner {
     settings: RenderSettings,
-    /// `None` where no bounce is asked for that it would bring.
+    /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
     known: Option<Arc<dyn SecondaryLight>>,
@@ -62,19 +62,14 @@ impl Learner {
     }
 
     pub(super) fn stage(&self) -> Stage {
-        let base = self.illumination.as_ref().map_or(Stage::Complete, Illumination::stage);
-        let makes_records = self.settings.indirect == Indirect::Irradiance && self.asks_for_records();
-        if base < Stage::Complete || !makes_records {
-            return base;
+        let Some(illumination) = &self.illumination else { return Stage::Complete };
+        if self.settings.indirect != Indirect::Irradiance || illumination.stage() != Stage::Complete {
+            return illumination.stage();
         }
         match &self.records {
             Some(records) if records.is_complete() => Stage::Complete,
             _ => Stage::Rough,
         }
-    }
-
-    fn asks_for_records(&self) -> bool {
-        self.settings.bounces_max.is_none_or(|bounces| bounces > 1)
     }
 
     /// One bounded piece of work on the rayon pool it is called in; true when [`Learner::known`] has become better.
@@ -87,8 +82,7 @@ impl Learner {
         }
         let start = Instant::now();
         let records = self.records.get_or_insert_with(|| records_over(&self.settings, self.known.clone()));
-        let mut products = Products::default();
-        let mut step = Step { world, products: &mut products, canvas: Some(canvas), cancel };
+        let mut step = Step { world, products: &mut Products::default(), canvas: Some(canvas), cancel };
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
         self.record_seconds += start.elapsed().as_secs_f64();

@@ -71,8 +71,8 @@ pub enum Learning {
 pub struct RenderSettings {
     /// Technique of indirect light.
     pub indirect: Indirect,
-    /// Most scatterings of a path (1: emission and direct light); `None`: no bound. With the octree it bounds what surfaces
-    /// receive: mirrors and glass between them and the eye come on top.
+    /// Most scatterings of a path (1: emission and direct light); `None`: no bound. Where light is
+    /// [learnt](Indirect::is_learnt) it bounds what surfaces receive, whatever mirrors and glass lie between them and the eye.
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,

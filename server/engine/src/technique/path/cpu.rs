@@ -114,7 +114,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
-            if !(path.is_near && path.class == PathClass::Caustic) {
+            if !path.is_beyond_mirrors() {
                 self.add_environment(path, sample);
             }
             return false;
@@ -134,9 +134,7 @@ impl Tracer<'_> {
             sample.normal = surface.frame.n;
             sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
-        // Beyond a near surface only mirrors and glass lead on; what lights do straight by them is known there.
-        let is_beyond_mirrors = path.is_near && path.class == PathClass::Caustic;
-        if !is_beyond_mirrors {
+        if !path.is_beyond_mirrors() {
             self.add_emission(path, &hit, &surface, sample);
         }
         if path.is_beyond_near() && path.bounce < self.settings.bounces_max.unwrap_or(BOUNCES_END) {
@@ -298,6 +296,11 @@ impl Path<'_> {
     /// It went on from a first diffuse surface that was too near to be answered for.
     fn is_beyond_near(&self) -> bool {
         self.is_near && self.class != PathClass::Emitted
+    }
+
+    /// It went on from there past mirrors or glass: what lights send by way of those is known as the near surface's caustics.
+    fn is_beyond_mirrors(&self) -> bool {
+        self.is_near && self.class == PathClass::Caustic
     }
 
     /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.

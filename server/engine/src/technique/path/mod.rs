@@ -8,6 +8,9 @@
 //! price that a thin sheet with badly bent normals may let light through.
 //! Paths end by Russian roulette once their throughput is small; nothing is clamped.
 //!
+//! With a [`SecondaryLight`] it samples light seen directly and direct light alone and asks that for the rest; the same tracer
+//! answers for the rays that others gather light along ([`ArrivingLight`]).
+//!
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
 //! for any eye path), as in every path tracer; the caustics room will.
 
