@@ -84,6 +84,9 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     Ok(())
 }
 
+/// Share of the time of a picture in which more may be learnt of its light; the rest is for seeing what is known.
+const LEARNING_SHARE: f64 = 0.8;
+
 /// A rendering as asked for, everything but its samples.
 struct Job<'a> {
     args: &'a RenderArgs,
@@ -146,7 +149,10 @@ impl<'a> Job<'a> {
     fn rendering(&self) -> Rendering {
         let RenderArgs { indirect, bounces, seed, .. } = *self.args;
         // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
-        let learning = if self.rule.time.is_some() { Learning::Alongside } else { Learning::First };
+        let learning = match self.rule.time {
+            Some(time) => Learning::Alongside { until: self.moment(LEARNING_SHARE * time.as_secs_f64()) },
+            None => Learning::First,
+        };
         let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning };
         Rendering::new(self.world.clone(), self.view, self.size, settings)
     }

@@ -364,7 +364,7 @@ impl Painter {
             indirect: wish.indirect,
             bounces_max: wish.bounces_max,
             seed: self.scene.workshop.config.seed,
-            learning: Learning::Alongside,
+            learning: Learning::Alongside { until: None },
         };
         let (world, view) = (snapshot.world.clone(), film.key.view);
         let rendering = if film.is_lit_by_the_scene() {

@@ -120,7 +120,8 @@ impl Film {
     }
 
     /// Lets the passes to come replace the light that comes by way of other surfaces (caustics and indirect light), since
-    /// more is known of it now. What was sampled of light seen directly and direct light stays.
+    /// more is known of it now: what is there counts for two passes from then on. What was sampled of light seen directly and
+    /// direct light stays.
     pub fn outdate_secondary(&mut self) {
         self.tiles.iter_mut().for_each(Tile::outdate_secondary);
     }

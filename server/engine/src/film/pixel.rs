@@ -109,10 +109,10 @@ impl Pixel {
         }
     }
 
-    /// Drops the light that comes by way of other surfaces.
-    pub(super) fn forget_secondary(&mut self) {
+    /// Scales the sums of the light that comes by way of other surfaces.
+    pub(super) fn scale_secondary(&mut self, share: f64) {
         for class in [PathClass::Caustic, PathClass::Indirect] {
-            self.radiance_sum[class as usize] = [0.0; 3];
+            self.radiance_sum[class as usize].iter_mut().for_each(|sum| *sum *= share);
         }
     }
 

@@ -134,6 +134,35 @@ fn a_cancelled_pass_leaves_means() {
 
 /// Albedo counts misses as black; normal and depth are those of the samples that hit.
 #[test]
+fn outdated_light_counts_for_two_passes() {
+    let of = |radiance: f32| {
+        let mut sample = grey(3.0);
+        sample.radiance[PathClass::Indirect as usize] = Rgb::splat(radiance);
+        sample
+    };
+    let mut film = film(20, 20);
+    (0..8).for_each(|_| pass(&mut film, |_, _, _| of(5.0)));
+    film.outdate_secondary();
+    film.outdate_secondary();
+    assert!(film.layer(PathClass::Indirect).iter().all(|value| value.r == 5.0), "until there is better");
+    pass(&mut film, |_, _, _| of(2.0));
+    let near = |value: f32, expected: f32| (value - expected).abs() < 1e-6 * expected;
+    assert!(film.layer(PathClass::Indirect).iter().all(|value| near(value.r, (2.0 * 5.0 + 2.0) / 3.0)));
+    (0..7).for_each(|_| pass(&mut film, |_, _, _| of(2.0)));
+    assert!(
+        film.layer(PathClass::Indirect).iter().all(|value| near(value.r, (2.0 * 5.0 + 8.0 * 2.0) / 10.0))
+    );
+    assert!(film.layer(PathClass::Direct).iter().all(|value| near(value.r, 3.0)));
+    assert_eq!(film.measured_error(), None);
+    // One pass that is outdated at once stays what it is.
+    let mut film = self::film(4, 4);
+    pass(&mut film, |_, _, _| of(5.0));
+    film.outdate_secondary();
+    pass(&mut film, |_, _, _| of(2.0));
+    assert!(film.layer(PathClass::Indirect).iter().all(|value| near(value.r, 3.5)));
+}
+
+#[test]
 fn first_hit_layers_are_means_over_what_was_hit() {
     let mut film = film(2, 1);
     for _ in 0..4 {

@@ -8,13 +8,17 @@ use super::{Held, PictureSize, Pixel, PixelSample};
 /// 256 × 256 picture still has 256 tiles to share among threads.
 pub const TILE_SIDE: u32 = 16;
 
+/// What outdated secondary light counts for beside better one, in passes: where a pixel's samples differ much, as at edges, the
+/// mean of many outdated ones is nearer to the truth than one or two of the best, and soon it weighs next to nothing.
+const KEPT_PASSES: u32 = 2;
+
 /// A rectangle of a picture with its own sums and its own number of passes.
 #[derive(Clone, Debug)]
 pub struct Tile {
     origin: UVec2,
     size: UVec2,
     passes: u32,
-    /// Passes whose secondary light is forgotten.
+    /// Passes whose secondary light is forgotten: as many fewer do its sums stand for.
     forgotten: u32,
     /// The next pass brings better secondary light.
     is_outdated: bool,
@@ -51,15 +55,18 @@ impl Tile {
         Held { passes: self.passes, forgotten: self.forgotten }
     }
 
-    /// Marks the secondary light for replacement by that of the passes to come: until then it stays.
+    /// Marks the secondary light for replacement by that of the passes to come: until the next it stays as it is, then it
+    /// counts for [`KEPT_PASSES`] at most.
     pub(super) fn outdate_secondary(&mut self) {
         self.is_outdated = true;
     }
 
     fn forget_outdated(&mut self) {
-        if std::mem::take(&mut self.is_outdated) {
-            self.pixels.iter_mut().for_each(Pixel::forget_secondary);
-            self.forgotten = self.passes;
+        let held = self.passes - self.forgotten;
+        if std::mem::take(&mut self.is_outdated) && held > KEPT_PASSES {
+            let share = f64::from(KEPT_PASSES) / f64::from(held);
+            self.pixels.iter_mut().for_each(|pixel| pixel.scale_secondary(share));
+            self.forgotten = self.passes - KEPT_PASSES;
         }
     }
 

@@ -19,7 +19,8 @@ use crate::{
 /// of places.
 const PHOTON_DIVISOR: u32 = 4;
 
-/// Records are shown when there are so many times as many: whatever is shown anew loses the samples it had.
+/// Records are shown when light was gathered so many times as often for them: whatever is shown anew loses most of the samples
+/// it had.
 const MORE: f64 = 1.4;
 
 /// Photons and octree, and what is gathered from them.
@@ -30,8 +31,8 @@ pub(super) struct Learner {
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
     known: Option<Arc<dyn SecondaryLight>>,
-    /// Records of what is shown.
-    shown_count: usize,
+    /// How often light was gathered for what is shown.
+    shown_count: u64,
     record_seconds: f64,
     record_counts: Counts,
 }
@@ -86,14 +87,20 @@ impl Learner {
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
         self.record_seconds += start.elapsed().as_secs_f64();
-        let count = records.cache().records().len();
-        let has_many = count > self.shown_count && count as f64 >= MORE * self.shown_count as f64;
-        let is_better = progress.complete || has_many;
-        if is_better {
+        let has_many = records.gathered_count() as f64 >= MORE * self.shown_count.max(1) as f64;
+        (progress.complete || has_many) && self.shows_all()
+    }
+
+    /// Lets [`Learner::known`] hold all records made so far; true when it is more than it had.
+    pub(super) fn shows_all(&mut self) -> bool {
+        let Some(records) = &self.records else { return false };
+        let count = records.gathered_count();
+        let is_more = count > self.shown_count;
+        if is_more {
             self.known = Some(records.snapshot());
             self.shown_count = count;
         }
-        is_better
+        is_more
     }
 
     pub(super) fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {

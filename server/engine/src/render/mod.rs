@@ -62,8 +62,12 @@ pub enum Learning {
     /// Once all is known: the picture depends on no clock.
     #[default]
     First,
-    /// As soon as something is known, sharing the time with learning more.
-    Alongside,
+    /// As soon as something is known, sharing the time with learning more; from a moment on nothing more is learnt, so that
+    /// what is known by then is seen by more than a sample or two.
+    Alongside {
+        /// That moment.
+        until: Option<Instant>,
+    },
 }
 
 /// How a picture is made.
@@ -156,14 +160,19 @@ impl Rendering {
     /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept
     /// throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let is_late = self.is_late();
         let learner = self.learner.as_mut()?;
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || self.lead_seconds > 0.0,
+            Stage::Rough => self.film.passes_min() == 0 || self.lead_seconds > 0.0 || is_late,
             Stage::Complete => true,
         };
         if is_pass_due {
+            if is_late && learner.shows_all() {
+                let known = learner.known().cloned();
+                self.relight(known);
+            }
             return None;
         }
         let start = Instant::now();
@@ -181,6 +190,10 @@ impl Rendering {
         }
         self.counts += counts;
         Some(Progress { counts, complete: false })
+    }
+
+    fn is_late(&self) -> bool {
+        matches!(self.settings.learning, Learning::Alongside { until: Some(moment) } if Instant::now() >= moment)
     }
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.

@@ -7,6 +7,7 @@
 //!
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
+mod hemisphere;
 mod index;
 mod record;
 #[cfg(test)]
@@ -14,7 +15,7 @@ mod tests;
 mod walk;
 
 use std::{
-    num::NonZeroUsize,
+    num::{NonZeroU32, NonZeroUsize},
     sync::{Arc, atomic::Ordering},
 };
 
@@ -22,12 +23,17 @@ use glam::Vec3;
 
 pub use self::record::{Gradient, Record, Weighing};
 
-use self::{index::Index, walk::Walk};
-use super::{ArrivingLight, Bias, Card, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique};
+use self::{
+    index::Index,
+    walk::{Seen, Walk},
+};
+use super::{
+    ArrivingLight, Bias, Card, Counts, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique,
+};
 use crate::{
     film::PictureSize,
     math::Rgb,
-    transport::{PathClass, Surface},
+    transport::{PathClass, Surface, World},
 };
 
 /// Parameters of the irradiance cache.
@@ -35,8 +41,13 @@ use crate::{
 pub struct IrradianceSettings {
     /// How records are weighed.
     pub weighing: Weighing,
-    /// Rays of a record, about.
+    /// Rays of a record, about; half as many where the light is even enough.
     pub ray_count: NonZeroUsize,
+    /// Noise of a record's irradiance from which on more rays are not worth their time, a share of it.
+    pub noise: f32,
+    /// How often light is gathered for a record, at most: once for all records, then again and again for each, until their
+    /// noise is small beside what interpolation leaves.
+    pub visits: NonZeroU32,
     /// Records made in one step at most.
     pub records_per_step: NonZeroUsize,
     /// Records kept at most; where there are more, the light falls back on what they are gathered from.
@@ -50,7 +61,8 @@ pub struct IrradianceSettings {
     pub seed: u64,
 }
 
-const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(800).unwrap();
+const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
+const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
 const RECORDS_PER_STEP: NonZeroUsize = NonZeroUsize::new(100).unwrap();
 
 impl Default for IrradianceSettings {
@@ -58,6 +70,8 @@ impl Default for IrradianceSettings {
         IrradianceSettings {
             weighing: Weighing { accuracy: 0.15, is_smooth: true, has_gradients: true },
             ray_count: RAY_COUNT,
+            noise: 0.03,
+            visits: VISITS,
             records_per_step: RECORDS_PER_STEP,
             records_max: 500_000,
             clamps_neighbours: true,
@@ -74,9 +88,10 @@ impl IrradianceSettings {
         IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, ..self }
     }
 
-    /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992].
+    /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992], with four rays each at most in the mean.
     fn strata(&self) -> (usize, usize) {
-        let rings = (self.ray_count.get() as f32 / std::f32::consts::PI).sqrt().round().max(2.0) as usize;
+        let rings =
+            (self.ray_count.get() as f32 / (4.0 * std::f32::consts::PI)).sqrt().round().max(2.0) as usize;
         (rings, (std::f32::consts::PI * rings as f32).round() as usize)
     }
 }
@@ -141,18 +156,19 @@ impl IrradianceCache {
     pub fn insert(&mut self, mut record: Record) {
         if self.settings.clamps_neighbours {
             let near: Vec<u32> = self.index.around(record.position).collect();
+            let accuracy = self.settings.weighing.accuracy;
             let away = |other: &Record| other.position.distance(record.position);
             for place in &near {
                 let other = &self.records[*place as usize];
                 if other.normal.dot(record.normal) > 0.0 {
-                    record.radius_m = record.radius_m.min(other.radius_m + away(other));
+                    record.radius_m = record.radius_m.min(other.reach_m(accuracy) / accuracy + away(other));
                 }
             }
             for place in near {
                 let other = &mut self.records[place as usize];
                 if other.normal.dot(record.normal) > 0.0 {
                     // Its entries in the index reach as far as before, which is too far and does no harm.
-                    let radius_m = record.radius_m + away(other);
+                    let radius_m = record.reach_m(accuracy) / accuracy + away(other);
                     if radius_m < other.radius_m {
                         other.radius_m = radius_m;
                         self.shrunk_count += 1;
@@ -224,7 +240,19 @@ pub struct IrradianceCaching {
     /// What `shrunk_count` was when the walk began.
     shrunk_before: u64,
     walks_again: u32,
-    is_done: bool,
+    refining: Refining,
+}
+
+/// How far records have got after the walks.
+#[derive(Clone, Debug, Default)]
+struct Refining {
+    /// Where they are, in their order.
+    points: Vec<Seen>,
+    /// All pixels of the view have records.
+    is_begun: bool,
+    /// Gatherings that every record holds beyond its first, and how many records hold one more.
+    visits_again: u32,
+    next: usize,
 }
 
 impl IrradianceCaching {
@@ -247,7 +275,7 @@ impl IrradianceCaching {
             walk: None,
             shrunk_before: 0,
             walks_again: 0,
-            is_done: false,
+            refining: Refining::default(),
         }
     }
 
@@ -261,9 +289,37 @@ impl IrradianceCaching {
         &self.cache
     }
 
-    /// Every pixel of the view was visited, or no more records fit.
+    /// How often light was gathered so far.
+    pub fn gathered_count(&self) -> u64 {
+        let Refining { points, visits_again, next, .. } = &self.refining;
+        (points.len() * (1 + *visits_again as usize) + next) as u64
+    }
+
+    /// Every pixel of the view was visited, or no more records fit, and all records are refined.
     pub fn is_complete(&self) -> bool {
-        self.is_full() || self.is_done
+        self.is_refining()
+            && (self.refining.visits_again + 1 >= self.settings.visits.get()
+                || self.refining.points.is_empty())
+    }
+
+    fn is_refining(&self) -> bool {
+        self.is_full() || self.refining.is_begun
+    }
+
+    /// Gathers once more for the next records.
+    fn refine_some(&mut self, world: &World) -> Counts {
+        let Refining { points, visits_again, next, .. } = &mut self.refining;
+        let end = points.len().min(*next + self.settings.records_per_step.get());
+        let these = (&points[*next..end], &self.cache.records[*next..end]);
+        let (records, counts) =
+            record::refine_all(world, these, *visits_again + 1, &self.cache.settings, &*self.arriving);
+        self.cache.records[*next..end].copy_from_slice(&records);
+        *next = end;
+        if end == points.len() {
+            *next = 0;
+            *visits_again += 1;
+        }
+        counts
     }
 
     fn begin_walk(&mut self) {
@@ -282,7 +338,7 @@ impl IrradianceCaching {
         } else if self.round + 1 < ROUGHER.len() {
             self.refine();
         } else {
-            self.is_done = true;
+            self.refining.is_begun = true;
         }
     }
 
@@ -315,6 +371,10 @@ impl Technique for IrradianceCaching {
         if step.cancel.load(Ordering::Relaxed) {
             return Progress::default();
         }
+        if self.is_refining() {
+            let counts = self.refine_some(step.world);
+            return Progress { counts, complete: self.is_complete() };
+        }
         let settings = self.cache.settings;
         let walk = self.walk.get_or_insert_with(|| Walk::over(canvas.film.size()));
         let room = settings.records_max - self.cache.records.len();
@@ -322,6 +382,7 @@ impl Technique for IrradianceCaching {
             walk.missing(step.world, canvas, &self.cache, settings.records_per_step.get().min(room));
         let (records, counts) = record::gather_all(step.world, &missing, &settings, &*self.arriving);
         records.into_iter().for_each(|record| self.cache.insert(record));
+        self.refining.points.extend(missing);
         if self.walk.as_ref().is_some_and(Walk::is_complete) {
             self.after_walk(canvas.film.size());
         }
@@ -332,7 +393,7 @@ impl Technique for IrradianceCaching {
         // Every record may have seen what changed.
         self.round = 0;
         self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
-        self.is_done = false;
+        self.refining = Refining::default();
         self.begin_walk();
     }
 }

@@ -4,10 +4,10 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::IrradianceSettings;
+use super::{IrradianceSettings, hemisphere::Hemisphere, walk::Seen};
 use crate::{
-    accel::{Ray, SurfacePoint},
-    math::{Frame, Rgb, sobol},
+    accel::SurfacePoint,
+    math::Rgb,
     technique::{ArrivingLight, Counts},
     transport::World,
 };
@@ -101,7 +101,7 @@ impl Record {
         arriving: &dyn ArrivingLight,
         counts: &mut Counts,
     ) -> Record {
-        let hemisphere = Hemisphere::sample(world, point, n, settings, arriving, counts);
+        let hemisphere = Hemisphere::sample(world, point, n, settings, 0, arriving, counts);
         let mut record = Record {
             position: point.position,
             normal: n,
@@ -113,6 +113,17 @@ impl Record {
         };
         record.limit_by_gradient();
         record
+    }
+
+    /// Takes in another gathering at the same point, after so many `visits`. How far it counts stays.
+    fn refine(&mut self, visits: u32, hemisphere: &Hemisphere) {
+        let share = 1.0 / (visits as f32 + 1.0);
+        self.irradiance = self.irradiance * (1.0 - share) + hemisphere.irradiance() * share;
+        let towards = |gradient: &mut Gradient, newest: Gradient| {
+            gradient.iter_mut().zip(newest).for_each(|(mean, newest)| *mean += (newest - *mean) * share);
+        };
+        towards(&mut self.turning, hemisphere.turning());
+        towards(&mut self.moving, hemisphere.moving());
     }
 
     /// Where the light changes faster than the distances around say, the record counts less far: never so far that its
@@ -127,165 +138,48 @@ impl Record {
     }
 }
 
-/// The samples of a hemisphere: rings from the pole to the horizon, each with as many sectors.
-struct Hemisphere {
-    frame: Frame,
-    rings: usize,
-    sectors: usize,
-    /// Row by row; distances may be infinite.
-    radiance: Vec<Rgb>,
-    distance_m: Vec<f32>,
-    /// Nothing counts as nearer than this, m.
-    nearest_m: f32,
-}
-
-/// Distances below this share of the scene's radius count as it.
-const NEAREST: f32 = 1e-6;
 /// However far a pixel reaches, records count no farther than this share of the scene's radius for it.
 const REACH_MIN_MAX: f32 = 0.1;
-/// Sequence of random numbers of gathers.
-const GATHER_SEQUENCE: u32 = 0x6761;
-
-impl Hemisphere {
-    fn sample(
-        world: &World,
-        point: &SurfacePoint,
-        n: Vec3,
-        settings: &IrradianceSettings,
-        arriving: &dyn ArrivingLight,
-        counts: &mut Counts,
-    ) -> Hemisphere {
-        let (rings, sectors) = settings.strata();
-        let frame = Frame::around(n);
-        // A record depends on its place alone, not on when it was made.
-        let place = point.position.to_array().map(f32::to_bits);
-        let key = place.iter().fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(*bits)));
-        let mut rays = Vec::with_capacity(rings * sectors);
-        for ring in 0..rings {
-            for sector in 0..sectors {
-                let [u, v, ..] = sobol::point(key, (ring * sectors + sector) as u32);
-                let sin2 = (ring as f32 + u) / rings as f32;
-                let phi = std::f32::consts::TAU * (sector as f32 + v) / sectors as f32;
-                let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(0.0).sqrt());
-                let direction = frame.to_world(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos));
-                rays.push(point.ray_towards(direction.normalize()));
-            }
-        }
-        let mut met = vec![None; rays.len()];
-        world.closest_hits(&rays, &mut met);
-        let distance_m = met.iter().map(|hit| hit.map_or(f32::INFINITY, |hit| hit.t)).collect();
-        let radiance = (0u32..)
-            .zip(rays.iter().zip(met))
-            .map(|(index, (ray, met)): (u32, (&Ray, _))| {
-                let sampler = sobol::PixelSampler::new(key, GATHER_SEQUENCE, (key >> 32) as u32, index);
-                let radiance = arriving.radiance(world, ray, met, &sampler, counts);
-                if radiance.is_finite() { radiance } else { Rgb::BLACK }
-            })
-            .collect();
-        let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
-        Hemisphere { frame, rings, sectors, radiance, distance_m, nearest_m }
-    }
-
-    fn at(&self, ring: usize, sector: usize) -> usize {
-        ring * self.sectors + sector % self.sectors
-    }
-
-    /// Directions in the surface's plane: of an angle in sectors, and across it.
-    fn in_plane(&self, sectors: f32) -> [Vec3; 2] {
-        let phi = std::f32::consts::TAU * sectors / self.sectors as f32;
-        let (sin, cos) = phi.sin_cos();
-        [self.frame.to_world(Vec3::new(cos, sin, 0.0)), self.frame.to_world(Vec3::new(-sin, cos, 0.0))]
-    }
-
-    fn irradiance(&self) -> Rgb {
-        let sum = self.radiance.iter().fold(Rgb::BLACK, |sum, radiance| sum + *radiance);
-        sum * (std::f32::consts::PI / self.radiance.len() as f32)
-    }
-
-    /// Harmonic mean of all distances, m; of `farthest_m` at most.
-    fn harmonic_mean_m(&self, farthest_m: f32) -> f32 {
-        let inverse: f32 = self.distance_m.iter().map(|distance| 1.0 / distance.max(self.nearest_m)).sum();
-        (self.radiance.len() as f32 / inverse).min(farthest_m)
-    }
-
-    /// The rotational gradient [Ward1992, eq. 1], with the mean tangent of each ring, so that even light has none.
-    fn turning(&self) -> Gradient {
-        let mut gradient = [Vec3::ZERO; 3];
-        // ∫ tan θ d(sin² θ) from the pole.
-        let from_pole = |ring: usize| {
-            let sin2 = ring as f32 / self.rings as f32;
-            sin2.sqrt().asin() - (sin2 * (1.0 - sin2)).sqrt()
-        };
-        let tangent = |ring: usize| (from_pole(ring + 1) - from_pole(ring)) * self.rings as f32;
-        for sector in 0..self.sectors {
-            let [_, across] = self.in_plane(sector as f32 + 0.5);
-            let mut sum = Rgb::BLACK;
-            for ring in 0..self.rings {
-                sum += self.radiance[self.at(ring, sector)] * tangent(ring);
-            }
-            add(&mut gradient, across, sum * (std::f32::consts::PI / self.radiance.len() as f32));
-        }
-        gradient
-    }
-
-    /// The translational gradient [Ward1992, eq. 2]: what comes into view and goes out of it where neighbouring samples
-    /// differ, the faster the nearer the nearer one is.
-    fn moving(&self) -> Gradient {
-        let mut gradient = [Vec3::ZERO; 3];
-        let inverse =
-            |a: usize, b: usize| 1.0 / self.distance_m[a].min(self.distance_m[b]).max(self.nearest_m);
-        let sin_below = |ring: usize| (ring as f32 / self.rings as f32).sqrt();
-        for sector in 0..self.sectors {
-            let [along, _] = self.in_plane(sector as f32 + 0.5);
-            let mut outwards = Rgb::BLACK;
-            for ring in 1..self.rings {
-                let (outer, inner) = (self.at(ring, sector), self.at(ring - 1, sector));
-                let sin = sin_below(ring);
-                let rate = sin * (1.0 - sin * sin) * inverse(outer, inner);
-                outwards += (self.radiance[outer] - self.radiance[inner]) * rate;
-            }
-            add(&mut gradient, along, outwards * (std::f32::consts::TAU / self.sectors as f32));
-            let [_, across] = self.in_plane(sector as f32);
-            let mut sideways = Rgb::BLACK;
-            for ring in 0..self.rings {
-                let (here, before) = (self.at(ring, sector), self.at(ring, sector + self.sectors - 1));
-                let rate = (sin_below(ring + 1) - sin_below(ring)) * inverse(here, before);
-                sideways += (self.radiance[here] - self.radiance[before]) * rate;
-            }
-            add(&mut gradient, across, sideways);
-        }
-        gradient
-    }
-}
-
-fn add(gradient: &mut Gradient, direction: Vec3, amount: Rgb) {
-    for (sum, amount) in gradient.iter_mut().zip(amount.to_array()) {
-        *sum += direction * amount;
-    }
-}
 
 /// Gathers at several points at once, in their order.
 pub(super) fn gather_all(
     world: &World,
-    points: &[super::walk::Seen],
+    points: &[Seen],
     settings: &IrradianceSettings,
     arriving: &dyn ArrivingLight,
 ) -> (Vec<Record>, Counts) {
+    on_all(points.par_iter(), |seen, counts| {
+        let reach_min_m = seen.pixel_m * settings.pixels_min;
+        Record::gather(world, &seen.point, seen.normal, reach_min_m, settings, arriving, counts)
+    })
+}
+
+/// Gathers once more for records that were gathered for at these points so many times.
+pub(super) fn refine_all(
+    world: &World,
+    (points, records): (&[Seen], &[Record]),
+    visits: u32,
+    settings: &IrradianceSettings,
+    arriving: &dyn ArrivingLight,
+) -> (Vec<Record>, Counts) {
+    on_all(points.par_iter().zip(records), |(seen, record), counts| {
+        let hemisphere =
+            Hemisphere::sample(world, &seen.point, seen.normal, settings, visits, arriving, counts);
+        let mut record = *record;
+        record.refine(visits, &hemisphere);
+        record
+    })
+}
+
+fn on_all<T: Send>(
+    points: impl IndexedParallelIterator<Item = T>,
+    gather: impl Fn(T, &mut Counts) -> Record + Sync,
+) -> (Vec<Record>, Counts) {
     let gathered: Vec<(Record, Counts)> = points
-        .par_iter()
         .with_max_len(1)
-        .map(|seen| {
+        .map(|point| {
             let mut counts = Counts::default();
-            let record = Record::gather(
-                world,
-                &seen.point,
-                seen.normal,
-                seen.pixel_m * settings.pixels_min,
-                settings,
-                arriving,
-                &mut counts,
-            );
-            (record, counts)
+            (gather(point, &mut counts), counts)
         })
         .collect();
     let counts = gathered.iter().map(|(_, counts)| *counts).sum();

@@ -112,6 +112,70 @@ fn gradients_agree_with_finite_differences() {
     }
 }
 
+/// Rays that go where light is uneven take nothing from the truth on average, though most hemispheres miss a spot smaller than
+/// their cells, and some look at it many times.
+#[test]
+fn a_bright_spot_counts_for_what_it_is() {
+    let world = room();
+    let (spot, radius_m) = (Vec3::new(0.3, 1.0, -0.2), 0.1);
+    let painted = Painted(move |p: Vec3| Rgb::splat(if p.distance(spot) < radius_m { 100.0 } else { 0.1 }));
+    // Of the room, and of the spot in parts on its ceiling, 2 m above.
+    let parts = (0..400).flat_map(|x| (0..400).map(move |z| Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5)));
+    let part_m = 2.0 * radius_m / 400.0;
+    let of_spot: f64 = parts
+        .map(|part| spot - Vec3::new(radius_m, 0.0, radius_m) + part * part_m)
+        .filter(|p| p.distance(spot) < radius_m)
+        .map(|p| {
+            let way2 = f64::from(p.distance_squared(Vec3::NEG_Y));
+            4.0 / (way2 * way2) * f64::from(part_m * part_m) * 99.9
+        })
+        .sum();
+    let expected = of_spot + f64::from(0.1 * std::f32::consts::PI);
+    const COUNT: u64 = 4_000;
+    let mut missed = 0;
+    let sum: f64 = (0..COUNT)
+        .map(|seed| {
+            let settings = IrradianceSettings { seed, ..with_rays(100) };
+            let mut counts = Counts::default();
+            let point = floor(&world, 0.0, 0.0);
+            let record = Record::gather(&world, &point, Vec3::Y, 0.0, &settings, &painted, &mut counts);
+            missed += u32::from(record.irradiance.r < 0.32);
+            f64::from(record.irradiance.r)
+        })
+        .sum();
+    let mean = sum / COUNT as f64;
+    assert!((mean / expected - 1.0).abs() < 0.02, "{mean} for {expected}");
+    assert!(missed > 1_000, "{missed}");
+}
+
+/// Noise of a record over that of as many cells without rays that go where light is uneven, and over that of one visit.
+#[test]
+fn more_rays_and_visits_take_noise_away() {
+    let world = room();
+    let painted = Painted(|p: Vec3| Rgb::splat(if p.x > 0.3 && p.y > 0.2 { 10.0 } else { 0.1 }));
+    let point = floor(&world, 0.0, 0.0);
+    let noise = |share: f32, visits: u32| {
+        let irradiances = (0..300).map(|seed| {
+            let settings = IrradianceSettings { seed, noise: share, ..with_rays(400) };
+            let mut counts = Counts::default();
+            let mut record = Record::gather(&world, &point, Vec3::Y, 0.0, &settings, &painted, &mut counts);
+            for visit in 1..visits {
+                let seen = walk::Seen { point, normal: Vec3::Y, pixel_m: 0.0 };
+                let (refined, _) =
+                    record::refine_all(&world, (&[seen], &[record]), visit, &settings, &painted);
+                record = refined[0];
+            }
+            f64::from(record.irradiance.r)
+        });
+        let (sum, squares) = irradiances.fold((0.0, 0.0), |(sum, squares), e| (sum + e, squares + e * e));
+        let mean = sum / 300.0;
+        (squares / 300.0 - mean * mean).sqrt() / mean
+    };
+    let [even, adapted, visited] = [noise(1e3, 1), noise(1e-3, 1), noise(1e3, 4)];
+    assert!(adapted < 0.6 * even, "{adapted} for {even}");
+    assert!(visited < 0.65 * even, "{visited} for {even}");
+}
+
 /// Twice the light is twice the record, to the last bit, over eighteen orders of magnitude.
 #[test]
 fn records_are_linear_in_light() {
