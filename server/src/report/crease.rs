@@ -167,10 +167,6 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         true
     }
 
-    fn blur_m(&self) -> f32 {
-        0.0
-    }
-
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let is_front = wo.dot(n_geo) >= 0.0;
@@ -179,7 +175,7 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         let n = if is_front { n_geo } else { -n_geo };
         let [indirect, caustic] = self.0.irradiance(place, surface.point.position, n);
         let f = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo));
-        ScatteredLight { indirect: f * indirect, caustic: f * caustic }
+        ScatteredLight { indirect: f * indirect, caustic: f * caustic, blur_m: 0.0 }
     }
 }
 

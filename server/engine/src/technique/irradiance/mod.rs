@@ -21,7 +21,7 @@ use std::{
 
 use glam::Vec3;
 
-pub use self::record::{Gradient, Record, Weighing};
+pub use self::record::{Facing, Gradient, Record, Weighing};
 
 use self::{
     index::Index,
@@ -127,8 +127,8 @@ impl IrradianceCache {
     }
 
     /// Irradiance where records count, these or rougher ones.
-    fn any_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
-        self.irradiance(p, n).or_else(|| self.rougher.as_ref()?.any_irradiance(p, n))
+    fn any_irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
+        self.irradiance(p, facing).or_else(|| self.rougher.as_ref()?.any_irradiance(p, facing))
     }
 
     /// The records, oldest first.
@@ -136,16 +136,16 @@ impl IrradianceCache {
         &self.records
     }
 
-    /// Irradiance at a point that faces `n` [eq. 8.1], W/m²; `None` where no record counts.
-    pub fn irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+    /// Irradiance at a point [eq. 8.1], W/m²; `None` where no record counts.
+    pub fn irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
         let weighing = &self.settings.weighing;
         let mut sum = Rgb::BLACK;
         let mut weights = 0.0;
         for place in self.index.around(p) {
             let record = &self.records[place as usize];
-            let weight = record.weight(p, n, weighing);
+            let weight = record.weight(p, facing, weighing);
             if weight > 0.0 {
-                sum += record.irradiance_at(p, n, weighing) * weight;
+                sum += record.irradiance_at(p, facing.normal, weighing) * weight;
                 weights += weight;
             }
         }
@@ -200,20 +200,15 @@ impl SecondaryLight for IrradianceCache {
         self.base.as_ref().is_some_and(|base| base.has_caustics())
     }
 
-    fn blur_m(&self) -> f32 {
-        // Where records are close together they say more than that; not how close they are everywhere.
-        self.base.as_ref().map_or(0.0, |base| base.blur_m())
-    }
-
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let base =
             || self.base.as_ref().map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo));
-        let n = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
-        match self.any_irradiance(surface.point.position, n) {
+        match self.any_irradiance(surface.point.position, &Facing::of(surface, wo)) {
             Some(irradiance) => {
                 let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * irradiance;
                 let caustic = if self.has_caustics() { base().caustic } else { Rgb::BLACK };
-                ScatteredLight { indirect, caustic }
+                // Where records count they say more than how far each reaches.
+                ScatteredLight { indirect, caustic, blur_m: 0.0 }
             }
             None => base(),
         }

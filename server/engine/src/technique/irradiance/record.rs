@@ -9,7 +9,7 @@ use crate::{
     accel::SurfacePoint,
     math::Rgb,
     technique::{ArrivingLight, Counts},
-    transport::World,
+    transport::{Surface, World},
 };
 
 /// A change of colour with place or direction, by channel.
@@ -22,6 +22,8 @@ pub struct Record {
     pub position: Vec3,
     /// The side that receives, unit.
     pub normal: Vec3,
+    /// Normal of the triangle on that side, unit.
+    pub n_geo: Vec3,
     /// Of light that another surface scattered, W/m².
     pub irradiance: Rgb,
     /// Harmonic mean distance to what is seen from here, or less where neighbours or gradients ask for it, m.
@@ -32,6 +34,28 @@ pub struct Record {
     pub turning: Gradient,
     /// To be multiplied by the way from here, W/m³.
     pub moving: Gradient,
+}
+
+/// Which way a point faces.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Facing {
+    /// Shading normal on the side that is seen, unit.
+    pub normal: Vec3,
+    /// Normal of the triangle on the side that is seen, unit.
+    pub n_geo: Vec3,
+}
+
+impl Facing {
+    /// Of a surface seen from `wo`.
+    pub(super) fn of(surface: &Surface, wo: Vec3) -> Facing {
+        let towards = |n: Vec3| if wo.dot(n) < 0.0 { -n } else { n };
+        Facing { normal: towards(surface.frame.n), n_geo: towards(surface.point.n_geo) }
+    }
+
+    /// Of a flat surface.
+    pub fn flat(n: Vec3) -> Facing {
+        Facing { normal: n, n_geo: n }
+    }
 }
 
 /// How records are weighed.
@@ -47,6 +71,9 @@ pub struct Weighing {
 
 /// Weights end here where a record is asked for at its own place.
 const INVERSE_WEIGHT_MIN: f32 = 1e-4;
+/// Cosine of the angle between triangles up to which they count as one surface. Shading normals may agree around an edge where
+/// the triangles face apart; then one sees the room and the other looks into the wall.
+const SAME_SURFACE_COS: f32 = 0.5;
 /// How far behind a record's plane a point may lie, in radii: what is behind sees other things.
 const BEHIND: f32 = 0.05;
 
@@ -58,13 +85,15 @@ impl Record {
 
     /// Its weight at a point that faces `n` [eqs. 8.2, 8.3]; zero where it does not count.
     #[inline]
-    pub fn weight(&self, p: Vec3, n: Vec3, weighing: &Weighing) -> f32 {
+    pub fn weight(&self, p: Vec3, facing: &Facing, weighing: &Weighing) -> f32 {
+        let n = facing.normal;
         let way = p - self.position;
         let radius_m = self.reach_m(weighing.accuracy) / weighing.accuracy;
         let distance = way.length() / radius_m;
         let turned = (1.0 - n.dot(self.normal)).clamp(0.0, 2.0).sqrt();
         let inverse = distance + turned;
         if !(inverse < weighing.accuracy)
+            || self.n_geo.dot(facing.n_geo) < SAME_SURFACE_COS
             || way.dot(n + self.normal) * 0.5 < -BEHIND * weighing.accuracy * radius_m
         {
             return 0.0;
@@ -90,21 +119,23 @@ impl Record {
 
     /// Gathers the light of the hemisphere above a point.
     ///
-    /// - `n`: unit, the side that receives
+    /// - `facing`: the side that receives
     /// - `reach_min_m`: see [`Record::reach_min_m`]
     pub(super) fn gather(
         world: &World,
         point: &SurfacePoint,
-        n: Vec3,
+        facing: &Facing,
         reach_min_m: f32,
         settings: &IrradianceSettings,
         arriving: &dyn ArrivingLight,
         counts: &mut Counts,
     ) -> Record {
+        let n = facing.normal;
         let hemisphere = Hemisphere::sample(world, point, n, settings, 0, arriving, counts);
         let mut record = Record {
             position: point.position,
             normal: n,
+            n_geo: facing.n_geo,
             irradiance: hemisphere.irradiance(),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
             reach_min_m: reach_min_m.min(REACH_MIN_MAX * world.accel().radius()),
@@ -150,7 +181,7 @@ pub(super) fn gather_all(
 ) -> (Vec<Record>, Counts) {
     on_all(points.par_iter(), |seen, counts| {
         let reach_min_m = seen.pixel_m * settings.pixels_min;
-        Record::gather(world, &seen.point, seen.normal, reach_min_m, settings, arriving, counts)
+        Record::gather(world, &seen.point, &seen.facing, reach_min_m, settings, arriving, counts)
     })
 }
 
@@ -164,7 +195,7 @@ pub(super) fn refine_all(
 ) -> (Vec<Record>, Counts) {
     on_all(points.par_iter().zip(records), |(seen, record), counts| {
         let hemisphere =
-            Hemisphere::sample(world, &seen.point, seen.normal, settings, visits, arriving, counts);
+            Hemisphere::sample(world, &seen.point, seen.facing.normal, settings, visits, arriving, counts);
         let mut record = *record;
         record.refine(visits, &hemisphere);
         record

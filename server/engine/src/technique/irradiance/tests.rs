@@ -52,7 +52,7 @@ fn with_rays(count: usize) -> IrradianceSettings {
 
 fn record(world: &World, x: f32, z: f32, n: Vec3, rays: usize, arriving: &dyn ArrivingLight) -> Record {
     let mut counts = Counts::default();
-    Record::gather(world, &floor(world, x, z), n, 0.0, &with_rays(rays), arriving, &mut counts)
+    Record::gather(world, &floor(world, x, z), &Facing::flat(n), 0.0, &with_rays(rays), arriving, &mut counts)
 }
 
 /// Even light of radiance 1 is an irradiance of π from wherever, and does not change.
@@ -138,7 +138,8 @@ fn a_bright_spot_counts_for_what_it_is() {
             let settings = IrradianceSettings { seed, ..with_rays(100) };
             let mut counts = Counts::default();
             let point = floor(&world, 0.0, 0.0);
-            let record = Record::gather(&world, &point, Vec3::Y, 0.0, &settings, &painted, &mut counts);
+            let record =
+                Record::gather(&world, &point, &Facing::flat(Vec3::Y), 0.0, &settings, &painted, &mut counts);
             missed += u32::from(record.irradiance.r < 0.32);
             f64::from(record.irradiance.r)
         })
@@ -158,9 +159,10 @@ fn more_rays_and_visits_take_noise_away() {
         let irradiances = (0..300).map(|seed| {
             let settings = IrradianceSettings { seed, noise: share, ..with_rays(400) };
             let mut counts = Counts::default();
-            let mut record = Record::gather(&world, &point, Vec3::Y, 0.0, &settings, &painted, &mut counts);
+            let mut record =
+                Record::gather(&world, &point, &Facing::flat(Vec3::Y), 0.0, &settings, &painted, &mut counts);
             for visit in 1..visits {
-                let seen = walk::Seen { point, normal: Vec3::Y, pixel_m: 0.0 };
+                let seen = Seen { point, facing: Facing::flat(Vec3::Y), pixel_m: 0.0 };
                 let (refined, _) =
                     record::refine_all(&world, (&[seen], &[record]), visit, &settings, &painted);
                 record = refined[0];
@@ -210,7 +212,7 @@ fn records_stay_finite() {
         {
             let light = record.irradiance_at(p, n, &weighing);
             assert!(light.is_finite() && light.to_array().iter().all(|channel| *channel >= 0.0), "{light:?}");
-            assert!(record.weight(p, n, &weighing).is_finite());
+            assert!(record.weight(p, &Facing::flat(n), &weighing).is_finite());
         }
     }
 }
@@ -220,6 +222,7 @@ fn somewhere(index: u32, irradiance: f32) -> Record {
     Record {
         position: Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0),
         normal: Vec3::Y,
+        n_geo: Vec3::Y,
         irradiance: Rgb::splat(irradiance),
         radius_m: 0.1 + 1.2 * r * r,
         reach_min_m: 0.0,
@@ -235,21 +238,24 @@ fn weights_are_those_of_the_paper() {
     let original = Weighing { accuracy: 0.2, is_smooth: false, has_gradients: true };
     let smooth = Weighing { is_smooth: true, ..original };
     // 1 / (0.1 / 2 + 0).
-    assert!((record.weight(Vec3::X * 0.1, Vec3::Y, &original) - 20.0).abs() < 1e-3);
-    assert!((record.weight(Vec3::X * 0.1, Vec3::Y, &smooth) - 15.0).abs() < 1e-3);
+    assert!((record.weight(Vec3::X * 0.1, &Facing::flat(Vec3::Y), &original) - 20.0).abs() < 1e-3);
+    assert!((record.weight(Vec3::X * 0.1, &Facing::flat(Vec3::Y), &smooth) - 15.0).abs() < 1e-3);
     // a · R = 0.4.
-    assert!(record.weight(Vec3::X * 0.399, Vec3::Y, &original) >= 5.0);
-    assert_eq!(record.weight(Vec3::X * 0.401, Vec3::Y, &original), 0.0);
-    assert!(record.weight(Vec3::X * 0.3999, Vec3::Y, &smooth) < 0.01);
+    assert!(record.weight(Vec3::X * 0.399, &Facing::flat(Vec3::Y), &original) >= 5.0);
+    assert_eq!(record.weight(Vec3::X * 0.401, &Facing::flat(Vec3::Y), &original), 0.0);
+    assert!(record.weight(Vec3::X * 0.3999, &Facing::flat(Vec3::Y), &smooth) < 0.01);
     // √(1 − cos) < 0.2 up to 16.26°.
     let turned = |degrees: f32| Vec3::new(degrees.to_radians().sin(), degrees.to_radians().cos(), 0.0);
-    assert!(record.weight(Vec3::ZERO, turned(16.0), &original) > 0.0);
-    assert_eq!(record.weight(Vec3::ZERO, turned(16.5), &original), 0.0);
+    assert!(record.weight(Vec3::ZERO, &Facing::flat(turned(16.0)), &original) > 0.0);
+    assert_eq!(record.weight(Vec3::ZERO, &Facing::flat(turned(16.5)), &original), 0.0);
     // The other side of a thin wall, and what lies behind.
-    assert_eq!(record.weight(Vec3::Y * -1e-4, Vec3::NEG_Y, &original), 0.0);
-    assert_eq!(record.weight(Vec3::new(0.1, -0.1, 0.0), Vec3::Y, &original), 0.0);
+    assert_eq!(record.weight(Vec3::Y * -1e-4, &Facing::flat(Vec3::NEG_Y), &original), 0.0);
+    assert_eq!(record.weight(Vec3::new(0.1, -0.1, 0.0), &Facing::flat(Vec3::Y), &original), 0.0);
+    // Shading normals that agree around the edge of a wall.
+    let around_the_edge = Facing { normal: Vec3::Y, n_geo: Vec3::X };
+    assert_eq!(record.weight(Vec3::X * 0.1, &around_the_edge, &original), 0.0);
     // At the very point.
-    assert!(record.weight(Vec3::ZERO, Vec3::Y, &original).is_finite());
+    assert!(record.weight(Vec3::ZERO, &Facing::flat(Vec3::Y), &original).is_finite());
 }
 
 /// The index leaves out no record that counts, at any scale.
@@ -269,10 +275,10 @@ fn the_index_finds_every_record_that_counts() {
             let [x, z, ..] = point(12, index);
             let p = Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0) * scale;
             let (sum, weights) = cache.records().iter().fold((0.0, 0.0), |(sum, weights), record| {
-                let weight = record.weight(p, Vec3::Y, weighing);
+                let weight = record.weight(p, &Facing::flat(Vec3::Y), weighing);
                 (sum + record.irradiance.r * weight, weights + weight)
             });
-            match cache.irradiance(p, Vec3::Y) {
+            match cache.irradiance(p, &Facing::flat(Vec3::Y)) {
                 Some(found) => assert!((found.r - sum / weights).abs() < 1e-3 * found.r, "{scale}"),
                 None => assert!(weights <= 0.0, "{scale}: {p} lies within a record"),
             }
@@ -350,7 +356,8 @@ fn the_walk_leaves_no_pixel_out() {
             for x in 0..width {
                 let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
                 let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
-                let found = caching.cache().irradiance(surface.point.position, surface.frame.n);
+                let found =
+                    caching.cache().irradiance(surface.point.position, &Facing::of(&surface, -ray.direction));
                 assert!(found.is_some(), "{width}x{height}: pixel {x} {y}");
             }
         }

@@ -5,10 +5,10 @@
 
 use std::collections::VecDeque;
 
-use glam::{UVec2, Vec3};
+use glam::UVec2;
 use rayon::prelude::*;
 
-use super::IrradianceCache;
+use super::{Facing, IrradianceCache};
 use crate::{accel::SurfacePoint, film::PictureSize, technique::Canvas, transport::World};
 
 /// Pixels between the first that are visited.
@@ -25,8 +25,7 @@ const APART_STRIDES: u32 = 3;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub(super) point: SurfacePoint,
-    /// Shading normal on the side that is seen.
-    pub(super) normal: Vec3,
+    pub(super) facing: Facing,
     /// Width of a pixel there, m.
     pub(super) pixel_m: f32,
 }
@@ -72,7 +71,7 @@ impl Walk {
                 std::iter::from_fn(|| self.waiting.pop_front().or_else(|| self.advance()))
                     .take(CHUNK)
                     .collect();
-            let is_covered = |seen: &Seen| cache.irradiance(seen.point.position, seen.normal).is_some();
+            let is_covered = |seen: &Seen| cache.irradiance(seen.point.position, &seen.facing).is_some();
             let missing: Vec<Option<Seen>> = chunk
                 .par_iter()
                 .with_min_len(64)
@@ -133,9 +132,8 @@ fn seen_through(world: &World, canvas: &Canvas<'_>, pixel: UVec2) -> Option<Seen
         if surface.bsdf.has_diffuse() {
             let turned = beside.direction.distance(view.ray(at.x, at.y).direction);
             let moved_m = beside.origin.distance(view.ray(at.x, at.y).origin);
-            let facing =
-                if ray.direction.dot(surface.frame.n) > 0.0 { -surface.frame.n } else { surface.frame.n };
-            return Some(Seen { point: surface.point, normal: facing, pixel_m: length_m * turned + moved_m });
+            let facing = Facing::of(&surface, -ray.direction);
+            return Some(Seen { point: surface.point, facing, pixel_m: length_m * turned + moved_m });
         }
         let wo = surface.frame.to_local(-ray.direction);
         let drawn = surface.bsdf.sample(wo, [0.5, 0.5, 0.5])?;

@@ -352,17 +352,17 @@ impl SecondaryLight for LightOctree {
         self.has_caustics
     }
 
-    fn blur_m(&self) -> f32 {
-        (self.radius_max_m / RADIUS_MAX_EVEN).max(self.settings.radius_cells * self.voxels.cube.cell_m())
-    }
-
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
         let n_shade = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
         let shading = Shading { surface, wo_local: surface.frame.to_local(wo), n_shade };
         let mut sums = [Rgb::BLACK; 2];
+        let mut blur_m = 0.0;
+        let mut is_known = false;
         self.around(surface.point.position, n_facing, |weight, set, place| {
+            is_known = true;
+            blur_m += self.gathers[place].radius_m[0] * weight;
             if let Some(of_class) = self.harmonics.get(place) {
                 for (sum, harmonics) in sums.iter_mut().zip(of_class) {
                     *sum += shading.response_to(harmonics) * weight;
@@ -376,7 +376,8 @@ impl SecondaryLight for LightOctree {
                 sums[1] += shading.response(caustic, set.softness[1]) * weight;
             }
         });
-        ScatteredLight { indirect: sums[0], caustic: sums[1] }
+        let blur_m = if is_known { blur_m } else { self.radius_max_m };
+        ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{PathClasses, PathSettings, SecondaryLight, Tally, View};
+use super::{PathClasses, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -19,6 +19,9 @@ const SURVIVAL_MAX: f32 = 0.998;
 /// A path ends here whatever it carries: one in 3,600 of those that lose nothing at all gets so far.
 const BOUNCES_END: u32 = 4096;
 
+/// Near surfaces that are looked past, one from another, at most: in corners the next is near again.
+const NEAR_MAX: u32 = 3;
+
 /// What every path of a step shares.
 #[derive(Clone, Copy)]
 pub(super) struct Tracer<'a> {
@@ -28,9 +31,9 @@ pub(super) struct Tracer<'a> {
     pub(super) settings: PathSettings,
     /// What answers for light that does not fall on the first diffuse surface straight from its source.
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
-    /// A first diffuse surface nearer than this is not answered for itself, but what it sees in turn, m: what is known is
-    /// blurred, and so near that shows.
-    pub(super) near_m: f32,
+    /// A diffuse surface nearer than so many times the blur of what is known there is not answered for itself, but what it sees
+    /// in turn: so near the blur would show.
+    pub(super) near_blurs: f32,
 }
 
 /// A path on its way.
@@ -46,8 +49,12 @@ struct Path<'a> {
     last: Option<LastVertex>,
     /// What the ray crosses; `None` in air and clear glass.
     medium: Option<Absorption>,
-    /// The first diffuse surface was too near to be answered for.
+    /// The last diffuse surface was too near to be answered for.
     is_near: bool,
+    /// How many were.
+    near_count: u32,
+    /// It was sent on by a mirror or glass since.
+    is_by_mirrors: bool,
     sampler: &'a PixelSampler,
 }
 
@@ -94,6 +101,8 @@ impl Tracer<'_> {
             last: None,
             medium: None,
             is_near: false,
+            near_count: 0,
+            is_by_mirrors: false,
             sampler,
         };
         tally.ray(&path.ray);
@@ -137,21 +146,28 @@ impl Tracer<'_> {
         if !path.is_beyond_mirrors() {
             self.add_emission(path, &hit, &surface, sample);
         }
-        if path.is_beyond_near() && path.bounce < self.settings.bounces_max.unwrap_or(BOUNCES_END) {
-            if !surface.bsdf.has_diffuse() {
-                return self.scatter(path, &surface);
-            }
-            self.add_light_sample(path, &surface, sample, tally);
-            self.add_secondary(path, &surface, sample);
+        let is_beyond_near = path.is_beyond_near();
+        let is_over = match is_beyond_near {
+            true => path.bounce >= self.settings.bounces_max.unwrap_or(BOUNCES_END),
+            false => self.is_complete(path),
+        };
+        if is_over {
             return false;
         }
-        if self.is_complete(path) {
-            return false;
+        let known = self.known_at(path, &surface);
+        let is_near =
+            known.is_some_and(|known| path.near_count < NEAR_MAX && hit.t < self.near_blurs * known.blur_m);
+        // Beyond a near surface the path goes on by mirrors, or past another near one.
+        let is_last = is_beyond_near && surface.bsdf.has_diffuse() && !is_near;
+        self.add_light_sample(path, &surface, is_last, sample, tally);
+        if let Some(known) = known {
+            path.is_near = is_near;
+            path.near_count += u32::from(is_near);
+            let indirect = if is_near { Rgb::BLACK } else { known.indirect };
+            sample.radiance[PathClass::Indirect as usize] += path.throughput * indirect;
+            sample.radiance[PathClass::Caustic as usize] += path.throughput * known.caustic;
         }
-        self.add_light_sample(path, &surface, sample, tally);
-        path.is_near = path.class == PathClass::Emitted && hit.t < self.near_m && surface.bsdf.has_diffuse();
-        self.add_secondary(path, &surface, sample);
-        self.scatter(path, &surface)
+        !is_last && self.scatter(path, &surface)
     }
 
     /// True when no further scattering of the path is asked for.
@@ -195,10 +211,13 @@ impl Tracer<'_> {
     }
 
     /// Light sampling: one light, each lobe weighed by itself.
+    ///
+    /// - `is_last`: no ray goes on from here that light sampling would compete with
     fn add_light_sample(
         &self,
         path: &Path<'_>,
         surface: &Surface,
+        is_last: bool,
         sample: &mut PixelSample,
         tally: &mut impl Tally,
     ) {
@@ -228,11 +247,10 @@ impl Tracer<'_> {
         let mut add = |lobe: &LobeValue, scatter| {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
-            // No ray goes on from there that light sampling would compete with; glossy lobes are left to what is known.
-            let (weight, is_wanted) = match path.is_beyond_near() {
-                true => (1.0, scatter == Scatter::Diffuse),
-                false => (weight, self.wants(class)),
-            };
+            let weight = if is_last { 1.0 } else { weight };
+            // Beyond near surfaces glossy lobes are left to what is known.
+            let is_wanted =
+                if path.is_beyond_near() { scatter == Scatter::Diffuse } else { self.wants(class) };
             if is_wanted {
                 sample.radiance[class as usize] += arriving * lobe.f_cos * weight;
             }
@@ -241,20 +259,14 @@ impl Tracer<'_> {
         add(&value.glossy, Scatter::Specular);
     }
 
-    /// At the first diffuse surface seen from the eye: what a cache knows of the light there.
-    fn add_secondary(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) {
-        let Some(secondary) = self.secondary else { return };
+    /// At the first diffuse surface seen from the eye, or by way of one that was looked past: what is known of the light there.
+    fn known_at(&self, path: &Path<'_>, surface: &Surface) -> Option<ScatteredLight> {
+        let secondary = self.secondary?;
         // One scattering less is asked for: that of the light on its way here.
         let is_asked_for = self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces);
         let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
-        if !is_asked || !is_asked_for || !surface.bsdf.has_diffuse() {
-            return;
-        }
-        let light = secondary.scattered(surface, -path.ray.direction);
-        if !path.is_near || path.is_beyond_near() {
-            sample.radiance[PathClass::Indirect as usize] += path.throughput * light.indirect;
-        }
-        sample.radiance[PathClass::Caustic as usize] += path.throughput * light.caustic;
+        (is_asked && is_asked_for && surface.bsdf.has_diffuse())
+            .then(|| secondary.scattered(surface, -path.ray.direction))
     }
 
     fn wants(&self, class: PathClass) -> bool {
@@ -272,9 +284,14 @@ impl Tracer<'_> {
         let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
-        if !path.is_beyond_near() && !self.wants(class) {
+        let is_wanted = match path.is_beyond_near() {
+            true => drawn.scatter == Scatter::Diffuse || !surface.bsdf.has_diffuse(),
+            false => self.wants(class),
+        };
+        if !is_wanted {
             return false;
         }
+        path.is_by_mirrors = drawn.scatter == Scatter::Specular;
         path.throughput *= drawn.weight;
         path.eta_squared *= drawn.eta_squared;
         path.class = class;
@@ -293,14 +310,14 @@ impl Tracer<'_> {
 }
 
 impl Path<'_> {
-    /// It went on from a first diffuse surface that was too near to be answered for.
+    /// It went on from a diffuse surface that was too near to be answered for.
     fn is_beyond_near(&self) -> bool {
         self.is_near && self.class != PathClass::Emitted
     }
 
     /// It went on from there past mirrors or glass: what lights send by way of those is known as the near surface's caustics.
     fn is_beyond_mirrors(&self) -> bool {
-        self.is_near && self.class == PathClass::Caustic
+        self.is_beyond_near() && self.is_by_mirrors
     }
 
     /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.

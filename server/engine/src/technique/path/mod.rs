@@ -28,7 +28,9 @@ use rayon::prelude::*;
 
 pub use view::View;
 
-use super::{ArrivingLight, Bias, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique};
+use super::{
+    ArrivingLight, Bias, Card, Counts, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique,
+};
 use crate::{
     accel::{Hit, Ray},
     film::{Film, PictureSize, Tile},
@@ -37,7 +39,7 @@ use crate::{
 };
 use cpu::{Tracer, primary_ray};
 
-/// Surfaces that rays of a gather meet nearer than so many times the blur of what is known are looked past.
+/// Surfaces that rays of a gather meet nearer than so many times the blur of what is known there are looked past.
 const NEAR_BLURS: f32 = 2.0;
 
 /// Which paths are traced.
@@ -94,8 +96,13 @@ impl Technique for PathTracer {
         };
         let secondary = self.secondary.as_deref();
         let view = canvas.view;
-        let tracer =
-            Tracer { world: step.world, view: Some(view), settings: self.settings, secondary, near_m: 0.0 };
+        let tracer = Tracer {
+            world: step.world,
+            view: Some(view),
+            settings: self.settings,
+            secondary,
+            near_blurs: 0.0,
+        };
         let film = &mut *canvas.film;
         let width = film.size().width();
         // After a cancelled step the tiles it did not reach come first: steps that are all cut short still make progress
@@ -133,8 +140,7 @@ impl ArrivingLight for PathTracer {
         counts: &mut Counts,
     ) -> Rgb {
         let secondary = self.secondary.as_deref();
-        let near_m = NEAR_BLURS * secondary.map_or(0.0, |secondary| secondary.blur_m());
-        let tracer = Tracer { world, view: None, settings: self.settings, secondary, near_m };
+        let tracer = Tracer { world, view: None, settings: self.settings, secondary, near_blurs: NEAR_BLURS };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
         scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
@@ -190,7 +196,7 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer = Tracer { world, view: Some(view), settings, secondary: None, near_m: 0.0 };
+    let tracer = Tracer { world, view: Some(view), settings, secondary: None, near_blurs: 0.0 };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, view, tile, size.width(), &mut queries);

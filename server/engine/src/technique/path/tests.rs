@@ -307,15 +307,11 @@ impl SecondaryLight for EvenSecondary {
 
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * self.irradiance;
-        ScatteredLight { indirect, caustic: Rgb::BLACK }
+        ScatteredLight { indirect, caustic: Rgb::BLACK, blur_m: self.blur_m }
     }
 
     fn has_caustics(&self) -> bool {
         false
-    }
-
-    fn blur_m(&self) -> f32 {
-        self.blur_m
     }
 }
 

@@ -27,13 +27,16 @@ use crate::{
     transport::{Surface, World},
 };
 
-/// What a diffuse lobe sends to the eye of light that did not come straight from its source, W/(m² sr).
+/// What a diffuse lobe sends to the eye of light that did not come straight from its source, W/(m² sr), and how well that is
+/// known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ScatteredLight {
     /// Of light that another diffuse surface scattered before.
     pub indirect: Rgb,
     /// Of light that only mirrors and glass sent on before.
     pub caustic: Rgb,
+    /// How far indirect light is blurred here, m: nearer than that it is not to be looked at.
+    pub blur_m: f32,
 }
 
 /// A cache of the light that surfaces receive: what the eye's paths ask at the first diffuse surface instead of going on.
@@ -46,9 +49,6 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
 
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
-
-    /// How far light is blurred where it is even, m: nearer than that it is not to be looked at.
-    fn blur_m(&self) -> f32;
 }
 
 /// What arrives along rays: what records of light are gathered from.
