@@ -124,18 +124,16 @@ pub fn tone_map(tone_map: wire::ToneMap) -> film::ToneMap {
 
 /// What the engine renders a technique with, and what that is called; a technique that this version lacks is told so.
 pub fn indirect(technique: wire::Technique) -> Result<(render::Indirect, wire::Technique), wire::Problem> {
-    use wire::Technique::{Auto, None, Octree, Path};
+    use wire::Technique::{Auto, Irradiance, Lightmap, None, Octree, Path};
     match technique {
         Auto => Ok((render::Indirect::Auto, Path)),
         Octree => Ok((render::Indirect::Octree, Octree)),
+        Irradiance => Ok((render::Indirect::Irradiance, Irradiance)),
         Path => Ok((render::Indirect::Path, Path)),
         None => Ok((render::Indirect::None, None)),
-        other => Err(wire::Problem::new(
+        Lightmap => Err(wire::Problem::new(
             wire::ProblemKind::ValueRefused,
-            format!(
-                "field `technique`: this server has auto, octree, path and none, not yet {}",
-                other.name()
-            ),
+            "field `technique`: this server has auto, octree, irradiance, path and none, not yet lightmap",
         )
         .at_field("technique")),
     }

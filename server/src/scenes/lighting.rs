@@ -1,14 +1,15 @@
 //! What a scene knows of its light, kept for all its viewers while one of them looks through it.
 //!
 //! Lives on the render thread. Edits are followed by what they changed, so that light that no edit touched is not computed
-//! again; a scene that nobody looks at through the octree has none, and pays nothing.
+//! again; a scene that nobody looks at through the octree or irradiance records has none, and pays nothing.
 
 use super::{Snapshot, Workshop};
-use lumicast_engine::render::{Illumination, IlluminationSettings, Stage};
-use lumicast_engine::scene::SceneChange;
+use lumicast_engine::film::PictureSize;
+use lumicast_engine::render::{IlluminationSettings, Indirect, Learner, RenderSettings, Stage};
+use lumicast_engine::scene::{CameraView, SceneChange};
 use lumicast_engine::technique::{Edit, SecondaryLight};
 use lumicast_engine::transport::World;
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -67,31 +68,58 @@ impl LightChanges {
     }
 }
 
-/// Photons and octree of one scene, for each bound on bounces that somebody looks with.
+/// What pictures that show the same light have in common.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct LightKey {
+    pub(super) indirect: Indirect,
+    pub(super) bounces_max: Option<u32>,
+}
+
+/// What somebody looks at.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gaze {
+    pub(super) viewer: u64,
+    pub(super) camera: CameraView,
+    pub(super) size: PictureSize,
+}
+
+/// What is learnt of one scene's light, for each technique and bound on bounces that somebody looks with.
 #[derive(Debug, Default)]
 pub(super) struct Lighting {
-    lit: HashMap<Option<u32>, Lit>,
+    lit: HashMap<LightKey, Lit>,
     /// Counts up with everything that becomes known of any.
     generation: u64,
 }
 
 #[derive(Debug)]
 struct Lit {
-    illumination: Illumination,
+    learner: Learner,
     /// The scene that it knows.
     world: Arc<World>,
-    /// Of all that became known of any, when this became known.
+    /// Of all that became known of any, when this became known; and what the learner calls it.
     generation: u64,
+    learner_generation: u64,
+    /// Time spent on it, beginning with that of the others that were there: the least goes first.
+    seconds: f64,
     probed: Instant,
 }
 
 impl Lit {
+    /// Takes note of what became known.
+    fn follow(&mut self, generation: &mut u64) {
+        if self.learner.generation() != self.learner_generation {
+            self.learner_generation = self.learner.generation();
+            *generation += 1;
+            self.generation = *generation;
+        }
+    }
+
     /// Looks for changes that no edit told of, now and then; what went another way is traced again next.
     fn probe(&mut self, workshop: &Workshop) {
         if self.probed.elapsed() < PROBE_PERIOD {
             return;
         }
-        let counts = workshop.drawing_pool.install(|| self.illumination.probe(&self.world));
+        let counts = workshop.drawing_pool.install(|| self.learner.probe(&self.world));
         workshop.metrics.photons_probed.add(counts.probed);
         workshop.metrics.photon_groups_diverged.add(counts.diverged);
         if counts.diverged > 0 {
@@ -105,38 +133,41 @@ impl Lit {
 }
 
 impl Lighting {
-    /// Brings it to the scene of `snapshot`, for those bounds on bounces that are wanted; drops the others.
+    /// Brings it to the scene of `snapshot`, for what is wanted by those who look; drops the rest.
     pub(super) fn follow(
         &mut self,
         snapshot: &Snapshot,
         changes: &mut LightChanges,
-        wanted: &HashSet<Option<u32>>,
+        wanted: &HashMap<LightKey, Vec<Gaze>>,
         workshop: &Workshop,
     ) {
         let change = changes.take_until(snapshot.revision);
-        self.lit.retain(|bounces_max, _| wanted.contains(bounces_max));
+        self.lit.retain(|key, _| wanted.contains_key(key));
         for lit in self.lit.values_mut() {
             if !change.leaves_light_alone() {
                 let edit = Edit { before: &lit.world, after: &snapshot.world, change: &change };
-                let before = lit.illumination.generation();
-                workshop.drawing_pool.install(|| lit.illumination.apply(&edit));
-                if lit.illumination.generation() != before {
-                    self.generation += 1;
-                    lit.generation = self.generation;
-                }
+                workshop.drawing_pool.install(|| lit.learner.apply(&edit));
+                lit.follow(&mut self.generation);
             }
             lit.world = snapshot.world.clone();
         }
-        for bounces_max in wanted {
-            self.lit.entry(*bounces_max).or_insert_with(|| {
-                let mut settings = IlluminationSettings::default();
-                settings.photons.seed = workshop.config.seed;
-                settings.photons.bounces_max = *bounces_max;
-                settings.photons.emitted_count = workshop.config.photons;
-                settings.octree.depth = workshop.config.octree_depth;
-                let illumination = Illumination::new(settings);
-                Lit { illumination, world: snapshot.world.clone(), generation: 0, probed: Instant::now() }
-            });
+        for (key, gazes) in wanted {
+            if !self.lit.contains_key(key) {
+                let Some(learner) = learner_of(*key, workshop) else { continue };
+                let seconds = self.lit.values().map(|lit| lit.seconds).reduce(f64::min).unwrap_or(0.0);
+                let lit = Lit {
+                    learner,
+                    world: snapshot.world.clone(),
+                    generation: 0,
+                    learner_generation: 0,
+                    seconds,
+                    probed: Instant::now(),
+                };
+                self.lit.insert(*key, lit);
+            }
+            let Some(lit) = self.lit.get_mut(key) else { continue };
+            lit.learner.look_away(|viewer| gazes.iter().any(|gaze| gaze.viewer == viewer));
+            gazes.iter().for_each(|gaze| lit.learner.look(gaze.viewer, &gaze.camera, gaze.size));
         }
     }
 
@@ -152,41 +183,50 @@ impl Lighting {
         // Steps of tracing and gathering are some 10 ms; sorting photons into maps and cutting up geometry take longer in
         // large scenes, and none is cut short.
         let never = AtomicBool::new(false);
-        for lit in self.lit.values_mut() {
-            if lit.illumination.stage() == Stage::Complete {
-                lit.probe(workshop);
-            }
-            while lit.illumination.stage() != Stage::Complete {
-                let before = lit.illumination.counts();
-                let is_better = workshop.drawing_pool.install(|| lit.illumination.step(&lit.world, &never));
-                workshop.metrics.rays.add((lit.illumination.counts() - before).rays);
-                if is_better {
-                    self.generation += 1;
-                    lit.generation = self.generation;
-                }
-                has_learnt = true;
-                if Instant::now() >= end || is_news() {
-                    return true;
-                }
+        for lit in self.lit.values_mut().filter(|lit| lit.learner.stage() == Stage::Complete) {
+            lit.probe(workshop);
+            lit.follow(&mut self.generation);
+        }
+        loop {
+            let open = self.lit.values_mut().filter(|lit| lit.learner.stage() != Stage::Complete);
+            let Some(lit) = open.min_by(|a, b| a.seconds.total_cmp(&b.seconds)) else { return has_learnt };
+            let (before, start) = (lit.learner.counts(), Instant::now());
+            workshop.drawing_pool.install(|| lit.learner.step(&lit.world, &never));
+            lit.seconds += start.elapsed().as_secs_f64();
+            let counts = lit.learner.counts() - before;
+            workshop.metrics.rays.add(counts.rays + counts.shadow_rays);
+            lit.follow(&mut self.generation);
+            has_learnt = true;
+            if Instant::now() >= end || is_news() {
+                return true;
             }
         }
-        has_learnt
     }
 
     /// All that is to be known is known.
-    pub(super) fn is_complete(&self, bounces_max: Option<u32>) -> bool {
-        self.lit.get(&bounces_max).is_some_and(|lit| lit.illumination.stage() == Stage::Complete)
+    pub(super) fn is_complete(&self, key: LightKey) -> bool {
+        self.lit.get(&key).is_some_and(|lit| lit.learner.stage() == Stage::Complete)
     }
 
     /// What is known by now.
-    pub(super) fn known(&self, bounces_max: Option<u32>) -> Option<Arc<dyn SecondaryLight>> {
-        self.lit.get(&bounces_max)?.illumination.known().cloned()
+    pub(super) fn known(&self, key: LightKey) -> Option<Arc<dyn SecondaryLight>> {
+        self.lit.get(&key)?.learner.known().cloned()
     }
 
     /// Counts up with everything that becomes known.
-    pub(super) fn generation(&self, bounces_max: Option<u32>) -> u64 {
-        self.lit.get(&bounces_max).map_or(0, |lit| lit.generation)
+    pub(super) fn generation(&self, key: LightKey) -> u64 {
+        self.lit.get(&key).map_or(0, |lit| lit.generation)
     }
+}
+
+fn learner_of(key: LightKey, workshop: &Workshop) -> Option<Learner> {
+    let LightKey { indirect, bounces_max } = key;
+    let settings =
+        RenderSettings { indirect, bounces_max, seed: workshop.config.seed, ..RenderSettings::default() };
+    let mut of = IlluminationSettings::of(&settings);
+    of.photons.emitted_count = workshop.config.photons;
+    of.octree.depth = workshop.config.octree_depth;
+    Learner::new(&settings, of)
 }
 
 #[cfg(test)]

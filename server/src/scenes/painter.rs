@@ -8,7 +8,7 @@
 use super::alarm::Alarm;
 use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
-use super::lighting::Lighting;
+use super::lighting::{Gaze, LightKey, Lighting};
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
 use super::viewer_film::{
@@ -17,9 +17,9 @@ use super::viewer_film::{
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::PictureSize;
-use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::render::{Learning, RenderSettings, Rendering};
 use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
@@ -104,22 +104,29 @@ impl Painter {
 
     /// Brings what is known of the light to the present scene, and into the films that show it.
     fn follow_light(&mut self, viewers: &[Arc<Viewer>], snapshot: &Snapshot) {
-        let wishes = viewers.iter().filter_map(|viewer| viewer.wish());
-        let wanted = wishes.filter(|wish| wish.indirect == Indirect::Octree).map(|wish| wish.bounces_max);
-        let wanted: HashSet<Option<u32>> = wanted.collect();
+        let mut wanted: HashMap<LightKey, Vec<Gaze>> = HashMap::new();
+        for viewer in viewers {
+            let Some(wish) = viewer.wish() else { continue };
+            let key = self.key_of(&wish, snapshot, self.films.get(&viewer.id()));
+            let size = PictureSize::new(key.full[0].into(), key.full[1].into());
+            if let (Some(light), Ok(size)) = (key.light(), size) {
+                let gaze = Gaze { viewer: viewer.id(), camera: key.view, size };
+                wanted.entry(light).or_default().push(gaze);
+            }
+        }
         let mut changes = std::mem::take(&mut lock(&self.scene.board).light_changes);
         self.lighting.follow(snapshot, &mut changes, &wanted, &self.scene.workshop);
         // What came in the meantime lies behind what is left.
         let board = &mut lock(&self.scene.board);
         std::mem::swap(&mut board.light_changes, &mut changes);
         board.light_changes.append(changes);
-        for film in self.films.values_mut().filter(|film| film.is_lit_by_the_scene()) {
-            let bounces_max = film.key.bounces_max;
-            let generation = self.lighting.generation(bounces_max);
+        for film in self.films.values_mut() {
+            let Some(light) = film.key.light() else { continue };
+            let generation = self.lighting.generation(light);
             if film.light_generation == generation {
                 continue;
             }
-            let known = self.lighting.known(bounces_max);
+            let known = self.lighting.known(light);
             film.light_generation = generation;
             film.measured = None;
             film.offer_at_passes = 0;
@@ -132,7 +139,7 @@ impl Painter {
     /// Learns of the light for a slice of time; true when it did anything.
     fn learn(&mut self, is_moving: bool) -> bool {
         let milliseconds = self.scene.workshop.config.moving_pass_ms;
-        // Who looks without the octree gets as much time as is spent on learning.
+        // Who looks without what is learnt gets as much time as is spent on learning.
         let is_alone = self.films.values().all(ViewerFilm::is_lit_by_the_scene);
         let slice = match (is_moving, is_alone) {
             (true, _) => milliseconds * 1e-3,
@@ -205,7 +212,7 @@ impl Painter {
         let task = match (&film.layer, film.key == self.key_of(wish, snapshot, Some(film))) {
             (Some(layer), true) => {
                 let samples_max = self.scene.workshop.config.samples_max;
-                let is_lit = !film.is_lit_by_the_scene() || self.lighting.is_complete(film.key.bounces_max);
+                let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
                 film.next(layer, wish, snapshot, Rest { samples_max, is_lit })
             }
             _ => Task::Start,
@@ -312,7 +319,7 @@ impl Painter {
         let budget = self.quick_pass(active);
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
         film.divisor_min = self.finest_divisor(key.full);
-        film.light_generation = self.lighting.generation(key.bounces_max);
+        film.light_generation = key.light().map_or(0, |light| self.lighting.generation(light));
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
@@ -367,10 +374,9 @@ impl Painter {
             learning: Learning::Alongside { until: None },
         };
         let (world, view) = (snapshot.world.clone(), film.key.view);
-        let rendering = if film.is_lit_by_the_scene() {
-            Rendering::with(world, view, picture, settings, self.lighting.known(film.key.bounces_max))
-        } else {
-            Rendering::new(world, view, picture, settings)
+        let rendering = match film.key.light() {
+            Some(light) => Rendering::with(world, view, picture, settings, self.lighting.known(light)),
+            None => Rendering::new(world, view, picture, settings),
         };
         Ok(Layer { rendering, divisor, size, _memory: FilmMemory::of(&self.scene.workshop, picture) })
     }
@@ -469,7 +475,7 @@ impl Painter {
         let rendering = &layer.rendering;
         let passes = rendering.passes();
         film.measured = rendering.measured_error();
-        let is_lit = !film.is_lit_by_the_scene() || self.lighting.is_complete(film.key.bounces_max);
+        let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
         let converged = film.has_converged(layer, wish, rest);
         let codec = frames::codec(wish.quality.codec, converged);

@@ -4,6 +4,7 @@
 
 use super::frames::Packer;
 use super::ladder::{DIVISOR_MAX, Size, Speed};
+use super::lighting::LightKey;
 use super::viewer::Wish;
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::{Film, MeasuredError, PictureSize};
@@ -34,6 +35,14 @@ pub(super) struct FilmKey {
     pub(super) indirect: Indirect,
     pub(super) bounces_max: Option<u32>,
     pub(super) light_revision: u64,
+}
+
+impl FilmKey {
+    /// What is known of the scene's light it shows, if any.
+    pub(super) fn light(&self) -> Option<LightKey> {
+        let FilmKey { indirect, bounces_max, .. } = *self;
+        indirect.is_learnt().then_some(LightKey { indirect, bounces_max })
+    }
 }
 
 /// Counts the memory of a film for as long as it lives.
@@ -164,7 +173,7 @@ impl ViewerFilm {
 
     /// It shows what is known of the scene's light, for all viewers alike.
     pub(super) fn is_lit_by_the_scene(&self) -> bool {
-        self.key.indirect == Indirect::Octree
+        self.key.light().is_some()
     }
 
     /// What comes next for a film whose key still holds.

@@ -332,18 +332,32 @@ async fn a_flood_is_refused_then_disconnected() {
     server.stop().await;
 }
 
-/// Two viewers share what the scene knows of its light, one more looks with a bound on bounces; all get pictures, and an
-/// edit reaches them.
+/// Who looks through the octree, and through irradiance records with and without a bound on bounces, at one scene at once: all
+/// get pictures that converge, and an edit reaches them.
 #[tokio::test]
-async fn viewers_look_through_the_octree() {
+async fn viewers_look_through_what_the_scene_learns() {
     let server = Server::start(|config| config.photons = 20_000).await;
-    for bounces in [json!(null), json!(2)] {
+    let mut viewers = Vec::new();
+    for (technique, bounces) in [
+        ("octree", json!(null)),
+        ("irradiance", json!(null)),
+        ("irradiance", json!(3)),
+        ("irradiance", json!(1)),
+    ] {
         let mut viewer = server.viewer().await;
-        viewer.say(json!({"type": "accuracy", "technique": "octree", "bounces": bounces})).await;
+        viewer.say(json!({"type": "accuracy", "technique": technique, "bounces": bounces})).await;
         viewer.say(json!({"type": "camera", "stamp": 7, "size": SMALL, "camera": "main"})).await;
-        let (header, _) = viewer.frame_where(|header| header.camera_stamp == 7 && header.samples >= 4).await;
-        assert_eq!(header.error, None, "the octree's error is not measured");
+        viewers.push(viewer);
     }
+    for viewer in &mut viewers {
+        let (header, _) = viewer.frame_where(|header| header.camera_stamp == 7 && header.converged).await;
+        assert_eq!(header.error, None, "the error of what is looked up is not measured");
+    }
+    let revision = server.edit(harmless(0.5)).await.revision();
+    for viewer in &mut viewers {
+        viewer.frame_where(|header| header.revision == revision && header.converged).await;
+    }
+    server.stop().await;
 }
 
 /// Refusals that keep the connection: unknown camera, bad pose, a frame never sent, a technique not there yet.
@@ -361,7 +375,7 @@ async fn a_refused_message_changes_nothing() {
         ),
         (json!({"type": "camera", "stamp": 1, "size": [0, 1], "camera": "main"}), 422, "size"),
         (json!({"type": "ack", "frame": 9}), 422, "frame"),
-        (json!({"type": "accuracy", "technique": "irradiance"}), 422, "technique"),
+        (json!({"type": "accuracy", "technique": "lightmap"}), 422, "technique"),
         (json!({"type": "quality", "jpeg_quality": 0}), 422, "jpeg_quality"),
         (json!({"type": "hello", "client": "again", "version": "1"}), 400, ""),
         (json!({"type": "dance"}), 400, ""),

@@ -1,16 +1,20 @@
-//! What a picture that is drawn by itself learns of the light before and while it is drawn.
+//! What is learnt of the light of a scene, for one picture or for all who look at it, before and while they are drawn.
 
 use std::{
+    collections::HashMap,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
 
 use super::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage};
 use crate::{
+    film::PictureSize,
+    scene::CameraView,
     technique::{
-        Canvas, Counts, Products, SecondaryLight, Step, Technique,
+        Counts, Edit, Products, SecondaryLight, Step, Technique,
         irradiance::{IrradianceCaching, IrradianceSettings},
         path::{PathClasses, PathSettings, PathTracer},
+        photons::ProbeCounts,
     },
     transport::World,
 };
@@ -19,34 +23,41 @@ use crate::{
 /// of places.
 const PHOTON_DIVISOR: u32 = 4;
 
-/// Records are shown when light was gathered so many times as often for them: whatever is shown anew loses most of the samples
-/// it had.
+/// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
+/// whatever is shown anew loses most of the samples it had.
 const MORE: f64 = 1.4;
 
-/// Photons and octree, and what is gathered from them.
+/// Photons and octree, and what is gathered from them for those who look, improved step by step and kept through edits.
 #[derive(Debug)]
-pub(super) struct Learner {
+pub struct Learner {
     settings: RenderSettings,
     /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
+    /// Who looks at what.
+    gazes: HashMap<u64, (CameraView, PictureSize)>,
     known: Option<Arc<dyn SecondaryLight>>,
+    generation: u64,
     /// How often light was gathered for what is shown.
     shown_count: u64,
+    /// And when the last gaze began.
+    gaze_count: u64,
     record_seconds: f64,
     record_counts: Counts,
 }
 
 impl Learner {
     /// `None` for techniques that learn nothing.
-    pub(super) fn new(settings: &RenderSettings) -> Option<Learner> {
+    ///
+    /// - `of`: photons and octree where light is looked up in the octree; records of irradiance are gathered from fewer
+    pub fn new(settings: &RenderSettings, of: IlluminationSettings) -> Option<Learner> {
         let illumination = match settings.indirect {
-            Indirect::Octree => Some(IlluminationSettings::of(settings)),
+            Indirect::Octree => Some(of),
             Indirect::Irradiance if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
             Indirect::Irradiance => {
-                let mut of = IlluminationSettings::of(settings);
-                of.photons.emitted_count /= PHOTON_DIVISOR;
-                of.octree.photon_count /= PHOTON_DIVISOR;
+                let mut of = of;
+                of.photons.emitted_count = (of.photons.emitted_count / PHOTON_DIVISOR).max(1);
+                of.octree.photon_count = (of.octree.photon_count / PHOTON_DIVISOR).max(1);
                 Some(of)
             }
             Indirect::Auto | Indirect::Path | Indirect::None => return None,
@@ -55,14 +66,36 @@ impl Learner {
             settings: *settings,
             illumination: illumination.map(Illumination::new),
             records: None,
+            gazes: HashMap::new(),
             known: None,
+            generation: 0,
             shown_count: 0,
+            gaze_count: 0,
             record_seconds: 0.0,
             record_counts: Counts::default(),
         })
     }
 
-    pub(super) fn stage(&self) -> Stage {
+    /// Somebody looks at something, in place of what was looked at by this name before.
+    pub fn look(&mut self, key: u64, camera: &CameraView, size: PictureSize) {
+        self.gazes.insert(key, (*camera, size));
+        let Some(records) = &mut self.records else { return };
+        if records.look(key, camera, size) {
+            self.gaze_count = records.gathered_count();
+            self.shown_count = self.gaze_count;
+        }
+    }
+
+    /// Forgets who looks no more.
+    pub fn look_away(&mut self, is_kept: impl Fn(u64) -> bool) {
+        self.gazes.retain(|key, _| is_kept(*key));
+        if let Some(records) = &mut self.records {
+            records.look_away(is_kept);
+        }
+    }
+
+    /// How far it has got, for all who look.
+    pub fn stage(&self) -> Stage {
         let Some(illumination) = &self.illumination else { return Stage::Complete };
         if self.settings.indirect != Indirect::Irradiance || illumination.stage() != Stage::Complete {
             return illumination.stage();
@@ -74,20 +107,36 @@ impl Learner {
     }
 
     /// One bounded piece of work on the rayon pool it is called in; true when [`Learner::known`] has become better.
-    pub(super) fn step(&mut self, world: &World, canvas: Canvas<'_>, cancel: &AtomicBool) -> bool {
+    pub fn step(&mut self, world: &World, cancel: &AtomicBool) -> bool {
+        if self.stage() == Stage::Complete {
+            return false;
+        }
         if let Some(illumination) = self.illumination.as_mut().filter(|base| base.stage() != Stage::Complete)
         {
             let is_better = illumination.step(world, cancel);
-            self.known = illumination.known().cloned();
+            if is_better {
+                self.known = illumination.known().cloned();
+                self.generation += 1;
+            }
             return is_better;
         }
         let start = Instant::now();
-        let records = self.records.get_or_insert_with(|| records_over(&self.settings, self.known.clone()));
-        let mut step = Step { world, products: &mut Products::default(), canvas: Some(canvas), cancel };
+        let records = self.records.get_or_insert_with(|| {
+            let mut records = records_over(&self.settings, self.known.clone());
+            // In an order that does not depend on the map.
+            let mut gazes: Vec<_> = self.gazes.iter().collect();
+            gazes.sort_unstable_by_key(|(key, _)| **key);
+            gazes.into_iter().for_each(|(key, (camera, size))| {
+                records.look(*key, camera, *size);
+            });
+            records
+        });
+        let mut step = Step { world, products: &mut Products::default(), canvas: None, cancel };
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
         self.record_seconds += start.elapsed().as_secs_f64();
-        let has_many = records.gathered_count() as f64 >= MORE * self.shown_count.max(1) as f64;
+        let [now, shown] = [records.gathered_count(), self.shown_count].map(|count| count - self.gaze_count);
+        let has_many = now as f64 >= MORE * shown.max(1) as f64;
         (progress.complete || has_many) && self.shows_all()
     }
 
@@ -98,24 +147,65 @@ impl Learner {
         let is_more = count > self.shown_count;
         if is_more {
             self.known = Some(records.snapshot());
+            self.generation += 1;
             self.shown_count = count;
         }
         is_more
     }
 
-    pub(super) fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
+    /// Withdraws what an edit made stale; call before the next [`Learner::step`]. Records are all made anew, since every one
+    /// may have seen what changed; until then the octree answers.
+    pub fn apply(&mut self, edit: &Edit<'_>) {
+        let Some(illumination) = &mut self.illumination else { return };
+        let before = illumination.generation();
+        illumination.apply(edit);
+        if illumination.generation() != before {
+            self.known = illumination.known().cloned();
+            self.generation += 1;
+        }
+        self.forget_records();
+    }
+
+    fn forget_records(&mut self) {
+        (self.shown_count, self.gaze_count) = (0, 0);
+        if self.records.take().is_some() {
+            self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();
+            self.generation += 1;
+        }
+    }
+
+    /// Looks for changes that nobody announced: one photon of every group is traced again.
+    pub fn probe(&mut self, world: &World) -> ProbeCounts {
+        let Some(illumination) = &mut self.illumination else { return ProbeCounts::default() };
+        let counts = illumination.probe(world);
+        if counts.diverged > 0 {
+            self.forget_records();
+        }
+        counts
+    }
+
+    /// What is known of the light by now.
+    pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
         self.known.as_ref()
     }
 
-    pub(super) fn illumination(&self) -> Option<&Illumination> {
+    /// Counts up whenever [`Learner::known`] becomes another.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Photons and octree.
+    pub fn illumination(&self) -> Option<&Illumination> {
         self.illumination.as_ref()
     }
 
-    pub(super) fn counts(&self) -> Counts {
+    /// Rays traced so far.
+    pub fn counts(&self) -> Counts {
         self.illumination.as_ref().map(Illumination::counts).unwrap_or_default() + self.record_counts
     }
 
-    pub(super) fn records(&self) -> RecordReport {
+    /// What records took and hold.
+    pub fn records(&self) -> RecordReport {
         let cache = self.records.as_ref().map(IrradianceCaching::cache);
         RecordReport {
             seconds: self.record_seconds,

@@ -1,7 +1,7 @@
 //! The progressive loop: a view of a world, a film, and the techniques that fill it.
 //!
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
-//! date after edits. [`Rendering`] is one view that draws with what is known. Imports every room to its left; the server
+//! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with what is known. Imports every room to its left; the server
 //! talks to this one.
 
 mod illumination;
@@ -18,23 +18,21 @@ use crate::{
     film::{Film, MeasuredError, PictureSize},
     scene::CameraView,
     technique::{
-        Bias, Canvas, Card, Counts, Products, Progress, SecondaryLight, Step, Technique,
-        path::{PathClasses, PathSettings, PathTracer, View},
+        Bias, Canvas, Card, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
+        path::{PathClasses, PathSettings, PathTracer},
     },
     transport::World,
 };
 
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
-pub use learner::RecordReport;
-
-use learner::Learner;
+pub use learner::{Learner, RecordReport};
 
 /// Seconds of learning for each second of drawing while there is more to learn: at first what is not known about the light
 /// shows more than the noise of what is sampled.
 const LEARNING_SHARE: f64 = 5.0;
 
 /// What computes indirect light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Indirect {
     /// The best chain that exists so far: the path tracer.
     #[default]
@@ -115,7 +113,10 @@ impl Rendering {
         size: PictureSize,
         settings: RenderSettings,
     ) -> Rendering {
-        let learner = Learner::new(&settings).map(Box::new);
+        let mut learner = Learner::new(&settings, IlluminationSettings::of(&settings)).map(Box::new);
+        if let Some(learner) = &mut learner {
+            learner.look(0, &view, size);
+        }
         Rendering { learner, ..Rendering::with(world, view, size, settings, None) }
     }
 
@@ -178,8 +179,7 @@ impl Rendering {
         let start = Instant::now();
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
-        let canvas = Canvas { view: &self.view, film: &mut self.film };
-        let is_better = learner.step(&self.world, canvas, cancel);
+        let is_better = learner.step(&self.world, cancel);
         let counts = learner.counts() - before;
         let known = learner.known().cloned();
         if is_better {

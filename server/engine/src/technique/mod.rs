@@ -16,6 +16,7 @@ use std::{
     sync::atomic::AtomicBool,
 };
 
+pub use path::View;
 pub use products::*;
 
 use crate::{
@@ -106,7 +107,7 @@ pub struct Step<'a> {
 /// A camera and its film.
 pub struct Canvas<'a> {
     /// The camera.
-    pub view: &'a path::View,
+    pub view: &'a View,
     /// The film to add to.
     pub film: &'a mut Film,
 }

@@ -7,6 +7,7 @@
 //!
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
+mod caching;
 mod hemisphere;
 mod index;
 mod record;
@@ -16,24 +17,21 @@ mod walk;
 
 use std::{
     num::{NonZeroU32, NonZeroUsize},
-    sync::{Arc, atomic::Ordering},
+    sync::Arc,
 };
 
 use glam::Vec3;
 
-pub use self::record::{Facing, Gradient, Record, Weighing};
+pub use self::{
+    caching::IrradianceCaching,
+    record::{Facing, Gradient, Record, Weighing},
+};
 
-use self::{
-    index::Index,
-    walk::{Seen, Walk},
-};
-use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique,
-};
+use self::index::Index;
+use super::{ArrivingLight, Bias, Card, Counts, ScatteredLight, SecondaryLight, View};
 use crate::{
-    film::PictureSize,
     math::Rgb,
-    transport::{PathClass, Surface, World},
+    transport::{PathClass, Surface},
 };
 
 /// Parameters of the irradiance cache.
@@ -212,183 +210,5 @@ impl SecondaryLight for IrradianceCache {
             }
             None => base(),
         }
-    }
-}
-
-/// Accuracies, as multiples of the one asked for, for which the whole view gets its records first: a rough picture comes
-/// soon, and what is made for it stays.
-const ROUGHER: [f32; 3] = [4.0, 2.0, 1.0];
-
-/// Walks over every pixel after the first at each accuracy, at most.
-const WALKS_AGAIN_MAX: u32 = 4;
-
-/// Making records for a view, on the rayon pool it is called in.
-#[derive(Debug)]
-pub struct IrradianceCaching {
-    settings: IrradianceSettings,
-    base: Option<Arc<dyn SecondaryLight>>,
-    cache: IrradianceCache,
-    /// Place in [`ROUGHER`].
-    round: usize,
-    arriving: Arc<dyn ArrivingLight>,
-    walk: Option<Walk>,
-    /// What `shrunk_count` was when the walk began.
-    shrunk_before: u64,
-    walks_again: u32,
-    refining: Refining,
-}
-
-/// How far records have got after the walks.
-#[derive(Clone, Debug, Default)]
-struct Refining {
-    /// Where they are, in their order.
-    points: Vec<Seen>,
-    /// All pixels of the view have records.
-    is_begun: bool,
-    /// Gatherings that every record holds beyond its first, and how many records hold one more.
-    visits_again: u32,
-    next: usize,
-}
-
-impl IrradianceCaching {
-    /// No records yet.
-    ///
-    /// - `arriving`: what the rays of a record bring
-    /// - `base`: what answers where no record counts, and for caustics
-    pub fn new(
-        settings: IrradianceSettings,
-        arriving: Arc<dyn ArrivingLight>,
-        base: Option<Arc<dyn SecondaryLight>>,
-    ) -> IrradianceCaching {
-        let cache = IrradianceCache::new(settings.rougher(ROUGHER[0]), base.clone());
-        IrradianceCaching {
-            settings,
-            base,
-            cache,
-            round: 0,
-            arriving,
-            walk: None,
-            shrunk_before: 0,
-            walks_again: 0,
-            refining: Refining::default(),
-        }
-    }
-
-    /// What is to be shown: a copy of the records, for others to look things up in.
-    pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
-        Arc::new(self.cache.clone())
-    }
-
-    /// The records so far.
-    pub fn cache(&self) -> &IrradianceCache {
-        &self.cache
-    }
-
-    /// How often light was gathered so far.
-    pub fn gathered_count(&self) -> u64 {
-        let Refining { points, visits_again, next, .. } = &self.refining;
-        (points.len() * (1 + *visits_again as usize) + next) as u64
-    }
-
-    /// Every pixel of the view was visited, or no more records fit, and all records are refined.
-    pub fn is_complete(&self) -> bool {
-        self.is_refining()
-            && (self.refining.visits_again + 1 >= self.settings.visits.get()
-                || self.refining.points.is_empty())
-    }
-
-    fn is_refining(&self) -> bool {
-        self.is_full() || self.refining.is_begun
-    }
-
-    /// Gathers once more for the next records.
-    fn refine_some(&mut self, world: &World) -> Counts {
-        let Refining { points, visits_again, next, .. } = &mut self.refining;
-        let end = points.len().min(*next + self.settings.records_per_step.get());
-        let these = (&points[*next..end], &self.cache.records[*next..end]);
-        let (records, counts) =
-            record::refine_all(world, these, *visits_again + 1, &self.cache.settings, &*self.arriving);
-        self.cache.records[*next..end].copy_from_slice(&records);
-        *next = end;
-        if end == points.len() {
-            *next = 0;
-            *visits_again += 1;
-        }
-        counts
-    }
-
-    fn begin_walk(&mut self) {
-        self.walk = None;
-        self.shrunk_before = self.cache.shrunk_count;
-        self.walks_again = 0;
-    }
-
-    /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
-    /// or a finer accuracy.
-    fn after_walk(&mut self, size: PictureSize) {
-        if self.cache.shrunk_count > self.shrunk_before && self.walks_again < WALKS_AGAIN_MAX {
-            self.walk = Some(Walk::over_all(size));
-            self.shrunk_before = self.cache.shrunk_count;
-            self.walks_again += 1;
-        } else if self.round + 1 < ROUGHER.len() {
-            self.refine();
-        } else {
-            self.refining.is_begun = true;
-        }
-    }
-
-    /// Goes on to a finer accuracy: all records stay, and where they do not reach any more the rougher answer still counts.
-    fn refine(&mut self) {
-        self.round += 1;
-        let settings = self.settings.rougher(ROUGHER[self.round]);
-        let finer = IrradianceCache::new(settings, self.base.clone());
-        let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
-        rougher.records.iter().for_each(|record| self.cache.insert(*record));
-        self.cache.rougher = Some(rougher);
-        self.begin_walk();
-    }
-
-    fn is_full(&self) -> bool {
-        self.cache.records.len() >= self.cache.settings.records_max
-    }
-}
-
-impl Technique for IrradianceCaching {
-    fn card(&self) -> &'static Card {
-        &CARD
-    }
-
-    fn step(&mut self, step: &mut Step<'_>) -> Progress {
-        let Some(canvas) = &step.canvas else { return Progress { complete: true, ..Progress::default() } };
-        if self.is_complete() {
-            return Progress { complete: true, ..Progress::default() };
-        }
-        if step.cancel.load(Ordering::Relaxed) {
-            return Progress::default();
-        }
-        if self.is_refining() {
-            let counts = self.refine_some(step.world);
-            return Progress { counts, complete: self.is_complete() };
-        }
-        let settings = self.cache.settings;
-        let walk = self.walk.get_or_insert_with(|| Walk::over(canvas.film.size()));
-        let room = settings.records_max - self.cache.records.len();
-        let missing =
-            walk.missing(step.world, canvas, &self.cache, settings.records_per_step.get().min(room));
-        let (records, counts) = record::gather_all(step.world, &missing, &settings, &*self.arriving);
-        records.into_iter().for_each(|record| self.cache.insert(record));
-        self.refining.points.extend(missing);
-        if self.walk.as_ref().is_some_and(Walk::is_complete) {
-            self.after_walk(canvas.film.size());
-        }
-        Progress { counts, complete: self.is_complete() }
-    }
-
-    fn apply(&mut self, _edit: &Edit<'_>) {
-        // Every record may have seen what changed.
-        self.round = 0;
-        self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
-        self.refining = Refining::default();
-        self.begin_walk();
     }
 }

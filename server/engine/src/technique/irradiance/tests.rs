@@ -4,12 +4,13 @@ use std::{num::NonZeroUsize, sync::Arc};
 
 use glam::Vec3;
 
-use super::*;
+use super::{walk::Seen, *};
 use crate::{
     accel::{Hit, Ray, SurfacePoint},
+    film::PictureSize,
     math::sobol::{self, PixelSampler, point},
     scene::samples,
-    technique::Counts,
+    technique::{Products, Step, Technique},
     transport::World,
 };
 
@@ -330,6 +331,19 @@ fn a_record_is_small() {
     assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
 }
 
+/// Steps until nothing more is to be done.
+fn finish(caching: &mut IrradianceCaching, world: &World) {
+    let never = std::sync::atomic::AtomicBool::new(false);
+    for _ in 0..10_000 {
+        let mut products = Products::default();
+        let mut step = Step { world, products: &mut products, canvas: None, cancel: &never };
+        if caching.step(&mut step).complete {
+            return;
+        }
+    }
+    panic!("no end of records");
+}
+
 /// When it is done every pixel is covered, whatever the size of the picture, though neighbours make each other smaller.
 #[test]
 fn the_walk_leaves_no_pixel_out() {
@@ -337,20 +351,12 @@ fn the_walk_leaves_no_pixel_out() {
     let painted: Arc<dyn ArrivingLight> =
         Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y * p.z)));
     let camera = world.scene().camera_view(None).unwrap();
-    let never = std::sync::atomic::AtomicBool::new(false);
     for (width, height) in [(1, 1), (33, 1), (31, 17), (64, 48)] {
         let size = PictureSize::new(width, height).unwrap();
-        let (view, mut film) =
-            (crate::technique::path::View::new(&world, &camera, size), crate::film::Film::new(size));
+        let view = View::new(&world, &camera, size);
         let mut caching = IrradianceCaching::new(with_rays(60), painted.clone(), None);
-        for _ in 0..10_000 {
-            let canvas = Some(crate::technique::Canvas { view: &view, film: &mut film });
-            let mut products = crate::technique::Products::default();
-            let mut step = Step { world: &world, products: &mut products, canvas, cancel: &never };
-            if caching.step(&mut step).complete {
-                break;
-            }
-        }
+        caching.look(0, &camera, size);
+        finish(&mut caching, &world);
         assert!(caching.is_complete());
         for y in 0..height {
             for x in 0..width {

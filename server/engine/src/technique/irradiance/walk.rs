@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use glam::UVec2;
 use rayon::prelude::*;
 
-use super::{Facing, IrradianceCache};
-use crate::{accel::SurfacePoint, film::PictureSize, technique::Canvas, transport::World};
+use super::{Facing, IrradianceCache, View};
+use crate::{accel::SurfacePoint, film::PictureSize, transport::World};
 
 /// Pixels between the first that are visited.
 const STRIDE_FIRST: u32 = 32;
@@ -60,7 +60,7 @@ impl Walk {
     pub(super) fn missing(
         &mut self,
         world: &World,
-        canvas: &Canvas<'_>,
+        view: &View,
         cache: &IrradianceCache,
         count_max: usize,
     ) -> Vec<Seen> {
@@ -75,7 +75,7 @@ impl Walk {
             let missing: Vec<Option<Seen>> = chunk
                 .par_iter()
                 .with_min_len(64)
-                .map(|pixel| seen_through(world, canvas, *pixel).filter(|seen| !is_covered(seen)))
+                .map(|pixel| seen_through(world, view, *pixel).filter(|seen| !is_covered(seen)))
                 .collect();
             let apart = APART_STRIDES * self.stride.max(1);
             for (pixel, seen) in chunk.iter().zip(missing) {
@@ -119,8 +119,7 @@ impl Walk {
 }
 
 /// The first diffuse surface that the middle of a pixel sees, straight or by mirrors and glass.
-fn seen_through(world: &World, canvas: &Canvas<'_>, pixel: UVec2) -> Option<Seen> {
-    let view = canvas.view;
+fn seen_through(world: &World, view: &View, pixel: UVec2) -> Option<Seen> {
     let at = pixel.as_vec2() + 0.5;
     let mut ray = view.ray(at.x, at.y);
     let beside = view.ray(at.x + 1.0, at.y);

@@ -1,0 +1,274 @@
+//! Making records for those who look, on the rayon pool it is called in.
+//!
+//! Every view that is looked through is walked until all its pixels are covered, first for a rough answer, then for finer
+//! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves.
+
+use std::sync::{Arc, atomic::Ordering};
+
+use super::{
+    ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, SecondaryLight, View, record,
+    walk::{Seen, Walk},
+};
+use crate::{
+    film::PictureSize,
+    scene::CameraView,
+    technique::{Edit, Progress, Step, Technique},
+    transport::World,
+};
+
+/// Accuracies, as multiples of the one asked for, for which the first view gets its records: a rough picture comes soon, and
+/// what is made for it stays. Later views find the last of them.
+const ROUGHER: [f32; 3] = [4.0, 2.0, 1.0];
+
+/// Walks over every pixel after the first at each accuracy, at most.
+const WALKS_AGAIN_MAX: u32 = 4;
+
+/// Making records for views.
+#[derive(Debug)]
+pub struct IrradianceCaching {
+    settings: IrradianceSettings,
+    base: Option<Arc<dyn SecondaryLight>>,
+    cache: IrradianceCache,
+    /// Place in [`ROUGHER`].
+    round: usize,
+    arriving: Arc<dyn ArrivingLight>,
+    gazes: Vec<Gaze>,
+    /// Whose turn it is among them.
+    turn: usize,
+    /// Where the records are, in their order, and how often light was gathered for each.
+    places: Vec<(Seen, u32)>,
+    refining: Refining,
+    gathered_count: u64,
+    /// What is looked at has changed since all records were dropped.
+    may_drop: bool,
+}
+
+/// Records whose light was gathered so many times are gathered for again, from a place on.
+#[derive(Clone, Copy, Debug)]
+struct Refining {
+    visits: u32,
+    next: usize,
+}
+
+impl Refining {
+    const BEGIN: Refining = Refining { visits: 1, next: 0 };
+}
+
+/// A view whose pixels are to have records.
+#[derive(Debug)]
+struct Gaze {
+    key: u64,
+    camera: CameraView,
+    size: PictureSize,
+    walk: Walk,
+    /// What the cache's `shrunk_count` was when the walk began.
+    shrunk_before: u64,
+    walks_again: u32,
+    /// All pixels have records.
+    is_covered: bool,
+}
+
+impl Gaze {
+    fn begin(&mut self, shrunk_before: u64) {
+        self.walk = Walk::over(self.size);
+        self.shrunk_before = shrunk_before;
+        self.walks_again = 0;
+        self.is_covered = false;
+    }
+}
+
+impl IrradianceCaching {
+    /// No records yet, and nobody who looks.
+    ///
+    /// - `arriving`: what the rays of a record bring
+    /// - `base`: what answers where no record counts, and for caustics
+    pub fn new(
+        settings: IrradianceSettings,
+        arriving: Arc<dyn ArrivingLight>,
+        base: Option<Arc<dyn SecondaryLight>>,
+    ) -> IrradianceCaching {
+        let cache = IrradianceCache::new(settings.rougher(ROUGHER[0]), base.clone());
+        IrradianceCaching {
+            settings,
+            base,
+            cache,
+            round: 0,
+            arriving,
+            gazes: Vec::new(),
+            turn: 0,
+            places: Vec::new(),
+            refining: Refining::BEGIN,
+            gathered_count: 0,
+            may_drop: false,
+        }
+    }
+
+    /// Wants records for what `camera` sees, in place of what was looked at by this name before. True if that was another.
+    pub fn look(&mut self, key: u64, camera: &CameraView, size: PictureSize) -> bool {
+        let shrunk_before = self.cache.shrunk_count;
+        match self.gazes.iter_mut().find(|gaze| gaze.key == key) {
+            Some(gaze) if gaze.camera == *camera && gaze.size == size => return false,
+            Some(gaze) => {
+                (gaze.camera, gaze.size) = (*camera, size);
+                gaze.begin(shrunk_before);
+            }
+            None => self.gazes.push(Gaze {
+                key,
+                camera: *camera,
+                size,
+                walk: Walk::over(size),
+                shrunk_before,
+                walks_again: 0,
+                is_covered: false,
+            }),
+        }
+        self.may_drop = !self.places.is_empty();
+        true
+    }
+
+    /// Forgets who looks no more; records stay.
+    pub fn look_away(&mut self, is_kept: impl Fn(u64) -> bool) {
+        self.gazes.retain(|gaze| is_kept(gaze.key));
+    }
+
+    /// What is to be shown: a copy of the records, for others to look things up in.
+    pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
+        Arc::new(self.cache.clone())
+    }
+
+    /// The records so far.
+    pub fn cache(&self) -> &IrradianceCache {
+        &self.cache
+    }
+
+    /// How often light was gathered so far, for records that are there and for others.
+    pub fn gathered_count(&self) -> u64 {
+        self.gathered_count
+    }
+
+    /// Every pixel that somebody looks at has records, or no more fit, and all are refined.
+    pub fn is_complete(&self) -> bool {
+        self.next_gaze().is_none() && self.refining.visits >= self.settings.visits.get()
+    }
+
+    /// Whose pixels lack records, beginning with whose turn it is.
+    fn next_gaze(&self) -> Option<usize> {
+        let count = self.gazes.len();
+        let mut order = (0..count).map(|offset| (self.turn + offset) % count);
+        let has_room = !self.is_full() || self.may_drop;
+        order.find(|index| has_room && !self.gazes[*index].is_covered)
+    }
+
+    fn is_full(&self) -> bool {
+        self.cache.records.len() >= self.settings.records_max
+    }
+
+    /// Makes some of the records that a view lacks.
+    fn cover_some(&mut self, index: usize, step: &Step<'_>) -> Counts {
+        if self.is_full() {
+            self.drop_all();
+        }
+        let room = self.settings.records_max - self.cache.records.len();
+        let count_max = self.settings.records_per_step.get().min(room);
+        let settings = self.cache.settings;
+        let gaze = &mut self.gazes[index];
+        let view = View::new(step.world, &gaze.camera, gaze.size);
+        let missing = gaze.walk.missing(step.world, &view, &self.cache, count_max);
+        let (records, counts) = record::gather_all(step.world, &missing, &settings, &*self.arriving);
+        self.gathered_count += records.len() as u64;
+        if !records.is_empty() {
+            self.refining = Refining::BEGIN;
+        }
+        records.into_iter().for_each(|record| self.cache.insert(record));
+        self.places.extend(missing.into_iter().map(|seen| (seen, 1)));
+        if self.gazes[index].walk.is_complete() {
+            self.after_walk(index);
+        }
+        self.turn = index + 1;
+        counts
+    }
+
+    /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
+    /// or a finer accuracy.
+    fn after_walk(&mut self, index: usize) {
+        let gaze = &mut self.gazes[index];
+        if self.cache.shrunk_count > gaze.shrunk_before && gaze.walks_again < WALKS_AGAIN_MAX {
+            gaze.walk = Walk::over_all(gaze.size);
+            gaze.shrunk_before = self.cache.shrunk_count;
+            gaze.walks_again += 1;
+        } else if self.round + 1 < ROUGHER.len() {
+            self.go_finer();
+        } else {
+            gaze.is_covered = true;
+        }
+    }
+
+    /// Goes on to a finer accuracy: all records stay, and where they do not reach any more the rougher answer still counts.
+    fn go_finer(&mut self) {
+        self.round += 1;
+        let settings = self.settings.rougher(ROUGHER[self.round]);
+        let finer = IrradianceCache::new(settings, self.base.clone());
+        let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
+        rougher.records.iter().for_each(|record| self.cache.insert(*record));
+        self.cache.rougher = Some(rougher);
+        self.begin_walks();
+    }
+
+    fn begin_walks(&mut self) {
+        self.gazes.iter_mut().for_each(|gaze| gaze.begin(self.cache.shrunk_count));
+    }
+
+    /// Makes room for what is looked at now: those records are made anew.
+    fn drop_all(&mut self) {
+        self.round = 0;
+        self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
+        self.places.clear();
+        self.refining = Refining::BEGIN;
+        self.may_drop = false;
+        self.begin_walks();
+    }
+
+    /// Gathers once more for the next records of those for which it was done least often.
+    fn refine_some(&mut self, world: &World) -> Counts {
+        let Refining { visits, next } = self.refining;
+        let is_due = |index: &usize| self.places[*index].1 == visits;
+        let due: Vec<usize> =
+            (next..self.places.len()).filter(is_due).take(self.settings.records_per_step.get()).collect();
+        let points: Vec<Seen> = due.iter().map(|index| self.places[*index].0).collect();
+        let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
+        let (records, counts) =
+            record::refine_all(world, (&points, &old), visits, &self.cache.settings, &*self.arriving);
+        for (index, record) in due.iter().zip(records) {
+            self.cache.records[*index] = record;
+            self.places[*index].1 += 1;
+        }
+        self.gathered_count += due.len() as u64;
+        self.refining = match due.last() {
+            Some(last) => Refining { visits, next: last + 1 },
+            None => Refining { visits: visits + 1, next: 0 },
+        };
+        counts
+    }
+}
+
+impl Technique for IrradianceCaching {
+    fn card(&self) -> &'static Card {
+        &CARD
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        let mut counts = Counts::default();
+        if !self.is_complete() && !step.cancel.load(Ordering::Relaxed) {
+            counts = match self.next_gaze() {
+                Some(index) => self.cover_some(index, step),
+                None => self.refine_some(step.world),
+            };
+        }
+        Progress { counts, complete: self.is_complete() }
+    }
+
+    fn apply(&mut self, _edit: &Edit<'_>) {
+        // Every record may have seen what changed.
+        self.drop_all();
+    }
+}
