@@ -180,6 +180,10 @@ settings! {
     /// Halvings of the scene's cube down to the cells of its light octree, 4 to 10: each doubles the detail and about
     /// quadruples memory and time.
     octree_depth: u32 = 8;
+    /// Irradiance records that a scene keeps for each bound on bounces that somebody looks with, 1,000 to 10 million; about
+    /// 500 bytes each with their places, index and the copy that is shown. When no more fit and somebody looks elsewhere, those
+    /// for what is looked at then are made anew.
+    irradiance_records: u32 = 500_000;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
     /// second with packing and sending.
     moving_pass_ms: f64 = 40.0;
@@ -330,6 +334,9 @@ impl Config {
         }
         if !(4..=10).contains(&self.octree_depth) {
             return bad("octree_depth", &self.octree_depth, "4 to 10");
+        }
+        if !(1_000..=10_000_000).contains(&self.irradiance_records) {
+            return bad("irradiance_records", &self.irradiance_records, "1000 to 10000000");
         }
         if self.bodies_bytes < self.body_bytes {
             return bad("bodies_bytes", &self.bodies_bytes, "at least body_bytes");

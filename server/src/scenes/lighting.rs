@@ -226,6 +226,7 @@ fn learner_of(key: LightKey, workshop: &Workshop) -> Option<Learner> {
     let mut of = IlluminationSettings::of(&settings);
     of.photons.emitted_count = workshop.config.photons;
     of.octree.depth = workshop.config.octree_depth;
+    of.irradiance.records_max = workshop.config.irradiance_records as usize;
     Learner::new(&settings, of)
 }
 

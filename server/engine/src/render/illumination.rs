@@ -9,6 +9,7 @@ use super::RenderSettings;
 use crate::{
     technique::{
         Counts, Edit, MAPPED, Products, SecondaryLight, Step, Technique,
+        irradiance::IrradianceSettings,
         octree::{OctreeBuilding, OctreeSettings},
         photons::{EditCounts, PhotonSettings, PhotonTracing, ProbeCounts},
     },
@@ -40,13 +41,15 @@ struct Round {
     depth: u32,
 }
 
-/// Parameters of photons and octree.
+/// Parameters of photons and octree, and of records gathered from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct IlluminationSettings {
     /// Photons.
     pub photons: PhotonSettings,
     /// Octree.
     pub octree: OctreeSettings,
+    /// Records of irradiance.
+    pub irradiance: IrradianceSettings,
 }
 
 impl IlluminationSettings {
@@ -59,7 +62,8 @@ impl IlluminationSettings {
             ..PhotonSettings::default()
         };
         let octree = OctreeSettings { photon_count: photons.emitted_count, ..OctreeSettings::default() };
-        IlluminationSettings { photons, octree }
+        let irradiance = IrradianceSettings { seed: settings.seed, ..IrradianceSettings::default() };
+        IlluminationSettings { photons, octree, irradiance }
     }
 }
 

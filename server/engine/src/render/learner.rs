@@ -31,6 +31,7 @@ const MORE: f64 = 1.4;
 #[derive(Debug)]
 pub struct Learner {
     settings: RenderSettings,
+    of: IlluminationSettings,
     /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
@@ -64,6 +65,7 @@ impl Learner {
         };
         Some(Learner {
             settings: *settings,
+            of,
             illumination: illumination.map(Illumination::new),
             records: None,
             gazes: HashMap::new(),
@@ -122,7 +124,7 @@ impl Learner {
         }
         let start = Instant::now();
         let records = self.records.get_or_insert_with(|| {
-            let mut records = records_over(&self.settings, self.known.clone());
+            let mut records = records_over(&self.settings, self.of.irradiance, self.known.clone());
             // In an order that does not depend on the map.
             let mut gazes: Vec<_> = self.gazes.iter().collect();
             gazes.sort_unstable_by_key(|(key, _)| **key);
@@ -228,13 +230,16 @@ pub struct RecordReport {
 
 /// Records gathered from direct light and what is known of the rest. With a bound on scatterings their rays are traced to the
 /// end instead: photons know only what reaches a surface by all of the scatterings asked for, one more than is left there.
-fn records_over(settings: &RenderSettings, base: Option<Arc<dyn SecondaryLight>>) -> IrradianceCaching {
+fn records_over(
+    settings: &RenderSettings,
+    of: IrradianceSettings,
+    base: Option<Arc<dyn SecondaryLight>>,
+) -> IrradianceCaching {
     let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
     let path = PathSettings { classes: PathClasses::All, bounces_max, seed: settings.seed };
     let arriving = match base.clone().filter(|_| bounces_max.is_none()) {
         Some(base) => PathTracer::with_secondary(path, base),
         None => PathTracer::new(path),
     };
-    let of = IrradianceSettings { seed: settings.seed, ..IrradianceSettings::default() };
     IrradianceCaching::new(of, Arc::new(arriving), base)
 }

@@ -27,6 +27,7 @@ fn settings(emitted_count: u32, depth: u32) -> IlluminationSettings {
     IlluminationSettings {
         photons: PhotonSettings { emitted_count, ..PhotonSettings::default() },
         octree: OctreeSettings { depth, photon_count: emitted_count, ..OctreeSettings::default() },
+        ..IlluminationSettings::default()
     }
 }
 

@@ -6,7 +6,8 @@
 use std::sync::{Arc, atomic::Ordering};
 
 use super::{
-    ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, SecondaryLight, View, record,
+    ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
+    record,
     walk::{Seen, Walk},
 };
 use crate::{
@@ -35,12 +36,24 @@ pub struct IrradianceCaching {
     gazes: Vec<Gaze>,
     /// Whose turn it is among them.
     turn: usize,
+    /// Records of a view that are being made.
+    batch: Option<Batch>,
     /// Where the records are, in their order, and how often light was gathered for each.
     places: Vec<(Seen, u32)>,
     refining: Refining,
     gathered_count: u64,
     /// What is looked at has changed since all records were dropped.
     may_drop: bool,
+}
+
+/// Records that are found missing together and taken in together, so that they do not depend on how many are made in one step.
+#[derive(Debug)]
+struct Batch {
+    /// Of whose view.
+    key: u64,
+    places: Vec<Seen>,
+    /// Of the first of them.
+    records: Vec<Record>,
 }
 
 /// Records whose light was gathered so many times are gathered for again, from a place on.
@@ -96,6 +109,7 @@ impl IrradianceCaching {
             arriving,
             gazes: Vec::new(),
             turn: 0,
+            batch: None,
             places: Vec::new(),
             refining: Refining::BEGIN,
             gathered_count: 0,
@@ -169,19 +183,31 @@ impl IrradianceCaching {
             self.drop_all();
         }
         let room = self.settings.records_max - self.cache.records.len();
-        let count_max = self.settings.records_per_step.get().min(room);
-        let settings = self.cache.settings;
+        let count_max = self.settings.records_per_batch.get().min(room);
         let gaze = &mut self.gazes[index];
-        let view = View::new(step.world, &gaze.camera, gaze.size);
-        let missing = gaze.walk.missing(step.world, &view, &self.cache, count_max);
-        let (records, counts) = record::gather_all(step.world, &missing, &settings, &*self.arriving);
-        self.gathered_count += records.len() as u64;
-        if !records.is_empty() {
+        let mut batch = self.batch.take().unwrap_or_else(|| {
+            let view = View::new(step.world, &gaze.camera, gaze.size);
+            let places = gaze.walk.missing(step.world, &view, &self.cache, count_max);
+            Batch { key: gaze.key, places, records: Vec::new() }
+        });
+        let first = batch.records.len();
+        let end = batch.places.len().min(first + records_per_step());
+        let (records, counts) =
+            record::gather_all(step.world, &batch.places[first..end], &self.cache.settings, &*self.arriving);
+        batch.records.extend(records);
+        if end < batch.places.len() {
+            self.batch = Some(batch);
+            return counts;
+        }
+        if !batch.records.is_empty() {
             self.refining = Refining::BEGIN;
         }
-        records.into_iter().for_each(|record| self.cache.insert(record));
-        self.places.extend(missing.into_iter().map(|seen| (seen, 1)));
-        if self.gazes[index].walk.is_complete() {
+        self.gathered_count += batch.records.len() as u64;
+        batch.records.into_iter().for_each(|record| self.cache.insert(record));
+        self.places.extend(batch.places.into_iter().map(|seen| (seen, 1)));
+        // Who looked away, or elsewhere, has no walk that this ends.
+        let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
+        if let Some(index) = looking.filter(|index| self.gazes[*index].walk.is_complete()) {
             self.after_walk(index);
         }
         self.turn = index + 1;
@@ -222,6 +248,7 @@ impl IrradianceCaching {
     fn drop_all(&mut self) {
         self.round = 0;
         self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
+        self.batch = None;
         self.places.clear();
         self.refining = Refining::BEGIN;
         self.may_drop = false;
@@ -232,8 +259,7 @@ impl IrradianceCaching {
     fn refine_some(&mut self, world: &World) -> Counts {
         let Refining { visits, next } = self.refining;
         let is_due = |index: &usize| self.places[*index].1 == visits;
-        let due: Vec<usize> =
-            (next..self.places.len()).filter(is_due).take(self.settings.records_per_step.get()).collect();
+        let due: Vec<usize> = (next..self.places.len()).filter(is_due).take(records_per_step()).collect();
         let points: Vec<Seen> = due.iter().map(|index| self.places[*index].0).collect();
         let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
         let (records, counts) =
@@ -249,6 +275,11 @@ impl IrradianceCaching {
         };
         counts
     }
+}
+
+/// Records made in one step: some 10 ms, so that whoever moves gets pictures in between.
+fn records_per_step() -> usize {
+    8 * rayon::current_num_threads()
 }
 
 impl Technique for IrradianceCaching {

@@ -46,8 +46,8 @@ pub struct IrradianceSettings {
     /// How often light is gathered for a record, at most: once for all records, then again and again for each, until their
     /// noise is small beside what interpolation leaves.
     pub visits: NonZeroU32,
-    /// Records made in one step at most.
-    pub records_per_step: NonZeroUsize,
+    /// Records that are found missing together at most: of neighbours among them only one is made.
+    pub records_per_batch: NonZeroUsize,
     /// Records kept at most; where there are more, the light falls back on what they are gathered from.
     pub records_max: usize,
     /// Radii grow from record to record no faster than the distance between them, so that no corner is overlooked
@@ -61,7 +61,7 @@ pub struct IrradianceSettings {
 
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
-const RECORDS_PER_STEP: NonZeroUsize = NonZeroUsize::new(100).unwrap();
+const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
 
 impl Default for IrradianceSettings {
     fn default() -> IrradianceSettings {
@@ -70,7 +70,7 @@ impl Default for IrradianceSettings {
             ray_count: RAY_COUNT,
             noise: 0.03,
             visits: VISITS,
-            records_per_step: RECORDS_PER_STEP,
+            records_per_batch: RECORDS_PER_BATCH,
             records_max: 500_000,
             clamps_neighbours: true,
             pixels_min: 4.0,

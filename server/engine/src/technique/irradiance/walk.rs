@@ -17,7 +17,7 @@ const STRIDE_FIRST: u32 = 32;
 const SPECULAR_MAX: u32 = 6;
 /// Pixels visited at once, and how many times in one batch at most.
 const CHUNK: usize = 1024;
-const CHUNKS_MAX: usize = 64;
+const CHUNKS_MAX: usize = 8;
 /// Pixels of a batch lie at least so many strides apart.
 const APART_STRIDES: u32 = 3;
 
