@@ -13,7 +13,7 @@ use super::{CliError, SceneSource, output::print_line, render::default_size};
 /// Show what a scene holds, its warnings, and the effect plan with the reason for each effect.
 #[derive(Clone, Debug, clap::Args)]
 pub struct InfoArgs {
-    /// Scene file (.glb, .gltf, .obj) or builtin:cornell-box
+    /// Scene file (.glb, .gltf, .obj), builtin:cornell-box or builtin:boxes
     pub scene: SceneSource,
     /// Print JSON
     #[arg(long)]

@@ -85,7 +85,7 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
 }
 
 /// Share of the time of a picture in which more may be learnt of its light; the rest is for seeing what is known.
-const LEARNING_SHARE: f64 = 0.8;
+const LEARNING_UNTIL: f64 = 0.9;
 
 /// A rendering as asked for, everything but its samples.
 struct Job<'a> {
@@ -150,7 +150,7 @@ impl<'a> Job<'a> {
         let RenderArgs { indirect, bounces, seed, .. } = *self.args;
         // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
         let learning = match self.rule.time {
-            Some(time) => Learning::Alongside { until: self.moment(LEARNING_SHARE * time.as_secs_f64()) },
+            Some(time) => Learning::Alongside { until: self.moment(LEARNING_UNTIL * time.as_secs_f64()) },
             None => Learning::First,
         };
         let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning };
@@ -237,12 +237,13 @@ impl<'a> Job<'a> {
 
     fn announce(&self) {
         eprintln!(
-            "rendering {} from {}, {}×{}, {} threads",
+            "rendering {} from {}, {}×{}, {} thread{}",
             self.args.scene,
             self.camera.as_deref().unwrap_or("the front"),
             self.size.width(),
             self.size.height(),
             self.pool.current_num_threads(),
+            if self.pool.current_num_threads() == 1 { "" } else { "s" },
         );
     }
 

@@ -25,7 +25,7 @@ struct Picture {
     curves: Option<&'static str>,
 }
 
-const PICTURES: [Picture; 10] = [
+const PICTURES: [Picture; 14] = [
     picture(
         "figure-13",
         "Preprocessing by depth",
@@ -63,6 +63,33 @@ const PICTURES: [Picture; 10] = [
         Some("paper_spread_deg"),
     ),
     picture("figure-17", "Error by clusters", ("vdls", "VDLs"), ("error_percent", "√relMSE, %"), None),
+    picture(
+        "table-8.2-cache",
+        "Seconds by accuracy",
+        ("accuracy", "a"),
+        ("seconds", "s"),
+        Some("paper_seconds"),
+    )
+    .by("scene"),
+    picture(
+        "figure-8.11",
+        "Error while the cache fills",
+        ("elapsed", "s"),
+        ("error_percent", "√relMSE, %"),
+        None,
+    )
+    .logarithmic(),
+    picture("figure-8.11", "Records while the cache fills", ("elapsed", "s"), ("records", "records"), None)
+        .logarithmic(),
+    picture(
+        "cache-options",
+        "Error by time, by scene",
+        ("seconds", "s"),
+        ("error_percent", "√relMSE, %"),
+        None,
+    )
+    .by("scene")
+    .logarithmic(),
     picture(
         "table-8.1",
         "500 nearest of a million photons",

@@ -5,8 +5,18 @@ use std::path::Path;
 use super::{Effort, Paper, Report, ReportJob, measure_with, table::Cell};
 use crate::cli::scene_source::SceneSource;
 
-const LITTLE: Effort =
-    Effort { photon_share: 0.004, levels_less: 2, passes: 1, map_passes: 1, repeats: 2, octree_builds: 1 };
+const LITTLE: Effort = Effort {
+    photon_share: 0.004,
+    levels_less: 2,
+    passes: 1,
+    map_passes: 1,
+    repeats: 2,
+    octree_builds: 1,
+    cache_side: 32,
+    one_bounce_passes: 4,
+    cache_passes: 2,
+    fill_steps: 1,
+};
 
 fn job(paper: Paper, out: &Path) -> ReportJob {
     let missing = out.join("there is no such folder");
@@ -87,6 +97,22 @@ fn a_larsen_report_is_whole() {
     check_figures(&report);
     let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
     assert_eq!(rows, [4, 3, 4]);
+}
+
+/// Table, figure and options; without a reference no errors but those against the path tracer.
+#[test]
+fn an_irradiance_report_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let job = ReportJob { scenes: vec![SceneSource::CornellBox], ..job(Paper::Irradiance, folder.path()) };
+    let report = measure_with(&job, LITTLE).unwrap();
+    check_files(&report, folder.path());
+    check_figures(&report);
+    let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
+    assert_eq!(rows, [2, 1, 8]);
+    let errors =
+        report.tables[0].rows.iter().map(|row| report.tables[0].cell(row, "one_bounce_error_percent"));
+    assert!(errors.clone().count() == 2);
+    errors.for_each(|error| assert!(error.value().is_some_and(|error| error < 60.0), "{error:?}"));
 }
 
 /// Missing scenes are named with the place they belong to, and the built-in ones stand in.

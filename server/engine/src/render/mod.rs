@@ -212,6 +212,11 @@ impl Rendering {
         self.learner.as_ref()?.illumination()
     }
 
+    /// What it knows of its light by now, where it learns by itself.
+    pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.learner.as_ref()?.known()
+    }
+
     /// What its records of irradiance took, where it makes any.
     pub fn records(&self) -> RecordReport {
         self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()

@@ -21,7 +21,7 @@ use super::super::{CliError, SceneSource};
 /// The same scene, seed and --samples or --error give the same bytes, whatever the number of threads.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RenderArgs {
-    /// Scene file (.glb, .gltf, .obj) or builtin:cornell-box
+    /// Scene file (.glb, .gltf, .obj), builtin:cornell-box or builtin:boxes
     pub scene: SceneSource,
     /// Picture to write: .exr (linear radiance), .png or .jpg (exposure, tone map, sRGB)
     #[arg(long, value_name = "IMG")]

@@ -17,11 +17,11 @@ use crate::{
     transport::World,
 };
 
-/// Accuracies, as multiples of the one asked for, for which the first view gets its records: a rough picture comes soon, and
-/// what is made for it stays. Later views find the last of them.
-const ROUGHER: [f32; 3] = [4.0, 2.0, 1.0];
+/// How far records count for the first view, as multiples of what is asked for: a rough picture comes soon, and what is made
+/// for it stays. Later views find the last of them.
+const ROUNDS: [f32; 3] = [4.0, 2.0, 1.0];
 
-/// Walks over every pixel after the first at each accuracy, at most.
+/// Walks over every pixel after the first in each round, at most.
 const WALKS_AGAIN_MAX: u32 = 4;
 
 /// Making records for views.
@@ -30,7 +30,7 @@ pub struct IrradianceCaching {
     settings: IrradianceSettings,
     base: Option<Arc<dyn SecondaryLight>>,
     cache: IrradianceCache,
-    /// Place in [`ROUGHER`].
+    /// Place in [`ROUNDS`].
     round: usize,
     arriving: Arc<dyn ArrivingLight>,
     gazes: Vec<Gaze>,
@@ -100,7 +100,7 @@ impl IrradianceCaching {
         arriving: Arc<dyn ArrivingLight>,
         base: Option<Arc<dyn SecondaryLight>>,
     ) -> IrradianceCaching {
-        let cache = IrradianceCache::new(settings.rougher(ROUGHER[0]), base.clone());
+        let cache = IrradianceCache::new(settings.rougher(ROUNDS[0]), base.clone());
         IrradianceCaching {
             settings,
             base,
@@ -215,27 +215,30 @@ impl IrradianceCaching {
     }
 
     /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
-    /// or a finer accuracy.
+    /// or the next round.
     fn after_walk(&mut self, index: usize) {
         let gaze = &mut self.gazes[index];
         if self.cache.shrunk_count > gaze.shrunk_before && gaze.walks_again < WALKS_AGAIN_MAX {
             gaze.walk = Walk::over_all(gaze.size);
             gaze.shrunk_before = self.cache.shrunk_count;
             gaze.walks_again += 1;
-        } else if self.round + 1 < ROUGHER.len() {
+        } else if self.round + 1 < ROUNDS.len() {
             self.go_finer();
         } else {
             gaze.is_covered = true;
         }
     }
 
-    /// Goes on to a finer accuracy: all records stay, and where they do not reach any more the rougher answer still counts.
+    /// Goes on to records that count less far: all stay, and where they do not reach any more the rougher answer still counts.
     fn go_finer(&mut self) {
         self.round += 1;
-        let settings = self.settings.rougher(ROUGHER[self.round]);
+        let settings = self.settings.rougher(ROUNDS[self.round]);
         let finer = IrradianceCache::new(settings, self.base.clone());
         let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
-        rougher.records.iter().for_each(|record| self.cache.insert(*record));
+        let pixels = self.cache.settings.pixels_min / rougher.settings.pixels_min;
+        for record in &rougher.records {
+            self.cache.insert(Record { reach_min_m: record.reach_min_m * pixels, ..*record });
+        }
         self.cache.rougher = Some(rougher);
         self.begin_walks();
     }
@@ -247,7 +250,7 @@ impl IrradianceCaching {
     /// Makes room for what is looked at now: those records are made anew.
     fn drop_all(&mut self) {
         self.round = 0;
-        self.cache = IrradianceCache::new(self.settings.rougher(ROUGHER[0]), self.base.clone());
+        self.cache = IrradianceCache::new(self.settings.rougher(ROUNDS[0]), self.base.clone());
         self.batch = None;
         self.places.clear();
         self.refining = Refining::BEGIN;

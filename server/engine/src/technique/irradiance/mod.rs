@@ -80,10 +80,11 @@ impl Default for IrradianceSettings {
 }
 
 impl IrradianceSettings {
-    /// With an accuracy so many times as large.
+    /// With records that count so many times as far.
     fn rougher(self, by: f32) -> IrradianceSettings {
         let accuracy = self.weighing.accuracy * by;
-        IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, ..self }
+        let pixels_min = self.pixels_min * by;
+        IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, pixels_min, ..self }
     }
 
     /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992], with four rays each at most in the mean.
