@@ -213,6 +213,11 @@ impl Lighting {
         self.lit.get(&key)?.learner.known().cloned()
     }
 
+    /// Counts up when what is known becomes that of another scene.
+    pub(super) fn epoch(&self, key: LightKey) -> u64 {
+        self.lit.get(&key).map_or(0, |lit| lit.learner.epoch())
+    }
+
     /// Counts up with everything that becomes known.
     pub(super) fn generation(&self, key: LightKey) -> u64 {
         self.lit.get(&key).map_or(0, |lit| lit.generation)

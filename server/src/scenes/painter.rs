@@ -16,7 +16,7 @@ use super::viewer_film::{
 };
 use super::{Scene, Snapshot, lock};
 use crate::convert;
-use lumicast_engine::film::PictureSize;
+use lumicast_engine::film::{Outdated, PictureSize};
 use lumicast_engine::render::{Learning, RenderSettings, Rendering};
 use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
@@ -128,10 +128,13 @@ impl Painter {
             }
             let known = self.lighting.known(light);
             film.light_generation = generation;
+            let epoch = self.lighting.epoch(light);
+            let is_same_scene = std::mem::replace(&mut film.light_epoch, epoch) == epoch;
+            let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
             film.measured = None;
             film.offer_at_passes = 0;
             for layer in film.layer.iter_mut().chain(&mut film.climb) {
-                layer.rendering.relight(known.clone());
+                layer.rendering.relight(known.clone(), outdated);
             }
         }
     }
@@ -320,6 +323,7 @@ impl Painter {
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
         film.divisor_min = self.finest_divisor(key.full);
         film.light_generation = key.light().map_or(0, |light| self.lighting.generation(light));
+        film.light_epoch = key.light().map_or(0, |light| self.lighting.epoch(light));
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {

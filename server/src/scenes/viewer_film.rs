@@ -108,6 +108,8 @@ pub(super) struct ViewerFilm {
     pub(super) offer_at_passes: u32,
     /// What was known of the light for its last pass.
     pub(super) light_generation: u64,
+    /// Of which scene that is.
+    pub(super) light_epoch: u64,
     pub(super) measured: Option<MeasuredError>,
     pub(super) packer: Packer,
     pub(super) speed: Speed,
@@ -154,6 +156,7 @@ impl ViewerFilm {
             shown: None,
             offer_at_passes: 0,
             light_generation: 0,
+            light_epoch: 0,
             measured: None,
             packer: Packer::default(),
             speed,

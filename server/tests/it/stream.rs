@@ -1,6 +1,6 @@
 use crate::harness::{BOX, Heard, PATIENCE, Server, Viewer, harmless, in_time};
 use futures_util::{SinkExt, StreamExt};
-use lumicast_protocol::{PayloadCodec, PayloadKind, ServerMessage};
+use lumicast_protocol::{FrameHeader, PayloadCodec, PayloadKind, ServerMessage};
 use serde_json::json;
 use std::time::Instant;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
@@ -333,7 +333,7 @@ async fn a_flood_is_refused_then_disconnected() {
 }
 
 /// Who looks through the octree, and through irradiance records with and without a bound on bounces, at one scene at once: all
-/// get pictures that converge, and an edit reaches them.
+/// get pictures that converge, an edit reaches them, and of the light before it nothing is left.
 #[tokio::test]
 async fn viewers_look_through_what_the_scene_learns() {
     let server = Server::start(|config| config.photons = 20_000).await;
@@ -345,6 +345,7 @@ async fn viewers_look_through_what_the_scene_learns() {
         ("irradiance", json!(1)),
     ] {
         let mut viewer = server.viewer().await;
+        viewer.say(json!({"type": "quality", "codec": "png", "tone_map": "linear"})).await;
         viewer.say(json!({"type": "accuracy", "technique": technique, "bounces": bounces})).await;
         viewer.say(json!({"type": "camera", "stamp": 7, "size": SMALL, "camera": "main"})).await;
         viewers.push(viewer);
@@ -353,9 +354,18 @@ async fn viewers_look_through_what_the_scene_learns() {
         let (header, _) = viewer.frame_where(|header| header.camera_stamp == 7 && header.converged).await;
         assert_eq!(header.error, None, "the error of what is looked up is not measured");
     }
-    let revision = server.edit(harmless(0.5)).await.revision();
-    for viewer in &mut viewers {
-        viewer.frame_where(|header| header.revision == revision && header.converged).await;
+    for (emission, is_lit) in [([300, 300, 0], true), ([0, 0, 0], false)] {
+        let edit = json!([{"op": "set_material", "material": "lamp", "emission": emission}]);
+        let revision = server.edit(edit).await.revision();
+        for viewer in &mut viewers {
+            let fits = |header: &FrameHeader| header.revision == revision && header.converged;
+            let (_, payload) = viewer.frame_where(fits).await;
+            let picture = image::load_from_memory(&payload).unwrap().into_rgb8();
+            let sum = |channel: usize| picture.pixels().map(|p| u64::from(p.0[channel])).sum::<u64>();
+            // The lamp was white at first: blue is of before the first edit, red of before the second.
+            assert_eq!((sum(0) > 100_000, sum(2)), (is_lit, 0));
+            assert!(is_lit || sum(0) == 0, "{}", sum(0));
+        }
     }
     server.stop().await;
 }

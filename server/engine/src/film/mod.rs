@@ -77,6 +77,15 @@ impl PictureSize {
     }
 }
 
+/// What light that is to be replaced is worth.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outdated {
+    /// It is of the same scene, only less well known: it counts for two passes at most beside what comes.
+    Rough,
+    /// It is of the scene before an edit: it goes with the next pass.
+    Wrong,
+}
+
 /// Sums of samples for every pixel of a picture; see the module's head.
 ///
 /// Every image that it returns is `[h × w]`, rows top to bottom.
@@ -120,10 +129,9 @@ impl Film {
     }
 
     /// Lets the passes to come replace the light that comes by way of other surfaces (caustics and indirect light), since
-    /// more is known of it now: what is there counts for two passes from then on. What was sampled of light seen directly and
-    /// direct light stays.
-    pub fn outdate_secondary(&mut self) {
-        self.tiles.iter_mut().for_each(Tile::outdate_secondary);
+    /// more is known of it now. What was sampled of light seen directly and direct light stays.
+    pub fn outdate_secondary(&mut self, outdated: Outdated) {
+        self.tiles.iter_mut().for_each(|tile| tile.outdate_secondary(outdated));
     }
 
     /// Passes that every pixel has.

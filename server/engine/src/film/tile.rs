@@ -2,13 +2,13 @@
 
 use glam::UVec2;
 
-use super::{Held, PictureSize, Pixel, PixelSample};
+use super::{Held, Outdated, PictureSize, Pixel, PixelSample};
 
 /// Side of a tile in pixels. 16 × 16 pixels × 160 bytes = 40 KB stay in a core's second cache, and a
 /// 256 × 256 picture still has 256 tiles to share among threads.
 pub const TILE_SIDE: u32 = 16;
 
-/// What outdated secondary light counts for beside better one, in passes: where a pixel's samples differ much, as at edges, the
+/// What rough secondary light counts for beside better one, in passes: where a pixel's samples differ much, as at edges, the
 /// mean of many outdated ones is nearer to the truth than one or two of the best, and soon it weighs next to nothing.
 const KEPT_PASSES: u32 = 2;
 
@@ -20,8 +20,8 @@ pub struct Tile {
     passes: u32,
     /// Passes whose secondary light is forgotten: as many fewer do its sums stand for.
     forgotten: u32,
-    /// The next pass brings better secondary light.
-    is_outdated: bool,
+    /// The next pass brings better secondary light; what is there counts for so many passes at most from then on.
+    outdated: Option<u32>,
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
 }
@@ -32,7 +32,7 @@ impl Tile {
         let origin = UVec2::new(x, y);
         let size = (UVec2::new(picture.width(), picture.height()) - origin).min(UVec2::splat(TILE_SIDE));
         let pixels = vec![Pixel::default(); (size.x * size.y) as usize];
-        Tile { origin, size, passes: 0, forgotten: 0, is_outdated: false, dropped_samples: 0, pixels }
+        Tile { origin, size, passes: 0, forgotten: 0, outdated: None, dropped_samples: 0, pixels }
     }
 
     /// Top left pixel in the picture.
@@ -55,18 +55,21 @@ impl Tile {
         Held { passes: self.passes, forgotten: self.forgotten }
     }
 
-    /// Marks the secondary light for replacement by that of the passes to come: until the next it stays as it is, then it
-    /// counts for [`KEPT_PASSES`] at most.
-    pub(super) fn outdate_secondary(&mut self) {
-        self.is_outdated = true;
+    /// Marks the secondary light for replacement by that of the passes to come: until the next it stays as it is.
+    pub(super) fn outdate_secondary(&mut self, outdated: Outdated) {
+        let kept = match outdated {
+            Outdated::Rough => KEPT_PASSES,
+            Outdated::Wrong => 0,
+        };
+        self.outdated = Some(self.outdated.map_or(kept, |before| before.min(kept)));
     }
 
     fn forget_outdated(&mut self) {
         let held = self.passes - self.forgotten;
-        if std::mem::take(&mut self.is_outdated) && held > KEPT_PASSES {
-            let share = f64::from(KEPT_PASSES) / f64::from(held);
+        if let Some(kept) = self.outdated.take().filter(|kept| held > *kept) {
+            let share = f64::from(kept) / f64::from(held);
             self.pixels.iter_mut().for_each(|pixel| pixel.scale_secondary(share));
-            self.forgotten = self.passes - KEPT_PASSES;
+            self.forgotten = self.passes - kept;
         }
     }
 

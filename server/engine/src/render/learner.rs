@@ -39,6 +39,10 @@ pub struct Learner {
     gazes: HashMap<u64, (CameraView, PictureSize)>,
     known: Option<Arc<dyn SecondaryLight>>,
     generation: u64,
+    /// Edits whose light is known.
+    epoch: u64,
+    /// What is known is of the scene before an edit.
+    is_stale: bool,
     /// How often light was gathered for what is shown.
     shown_count: u64,
     /// And when the last gaze began.
@@ -71,6 +75,8 @@ impl Learner {
             gazes: HashMap::new(),
             known: None,
             generation: 0,
+            epoch: 0,
+            is_stale: false,
             shown_count: 0,
             gaze_count: 0,
             record_seconds: 0.0,
@@ -119,6 +125,7 @@ impl Learner {
             if is_better {
                 self.known = illumination.known().cloned();
                 self.generation += 1;
+                self.epoch += u64::from(std::mem::take(&mut self.is_stale));
             }
             return is_better;
         }
@@ -165,6 +172,7 @@ impl Learner {
             self.known = illumination.known().cloned();
             self.generation += 1;
         }
+        self.is_stale = illumination.stage() != Stage::Complete;
         self.forget_records();
     }
 
@@ -181,6 +189,7 @@ impl Learner {
         let Some(illumination) = &mut self.illumination else { return ProbeCounts::default() };
         let counts = illumination.probe(world);
         if counts.diverged > 0 {
+            self.is_stale = true;
             self.forget_records();
         }
         counts
@@ -194,6 +203,11 @@ impl Learner {
     /// Counts up whenever [`Learner::known`] becomes another.
     pub fn generation(&self) -> u64 {
         self.generation
+    }
+
+    /// Counts up when [`Learner::known`] becomes that of another scene, some time after an edit.
+    pub fn epoch(&self) -> u64 {
+        self.epoch
     }
 
     /// Photons and octree.

@@ -15,7 +15,7 @@ use std::{
 };
 
 use crate::{
-    film::{Film, MeasuredError, PictureSize},
+    film::{Film, MeasuredError, Outdated, PictureSize},
     scene::CameraView,
     technique::{
         Bias, Canvas, Card, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
@@ -172,7 +172,7 @@ impl Rendering {
         if is_pass_due {
             if is_late && learner.shows_all() {
                 let known = learner.known().cloned();
-                self.relight(known);
+                self.relight(known, Outdated::Rough);
             }
             return None;
         }
@@ -183,7 +183,7 @@ impl Rendering {
         let counts = learner.counts() - before;
         let known = learner.known().cloned();
         if is_better {
-            self.relight(known);
+            self.relight(known, Outdated::Rough);
         }
         if !is_first {
             self.lead_seconds += start.elapsed().as_secs_f64();
@@ -197,9 +197,9 @@ impl Rendering {
     }
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
-    pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>) {
+    pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
         self.technique = Box::new(tracer(&self.settings, known));
-        self.film.outdate_secondary();
+        self.film.outdate_secondary(outdated);
     }
 
     /// All that is to be known of the light is known: the film is what further passes add to.
