@@ -203,7 +203,7 @@ pub enum Technique {
     Auto,
     /// Virtual directional lights clustered in an octree of photons.
     Octree,
-    /// Photon gathering into irradiance records, splatted.
+    /// Irradiance records, gathered from direct light and photons.
     Irradiance,
     /// Light map in texture space.
     Lightmap,

@@ -9,8 +9,10 @@ use std::{
 use lumicast_engine::{
     film::{PictureSize, compare},
     math::Rgb,
-    render::{Illumination, RenderSettings, Rendering, Stage},
-    render::{IlluminationReport, IlluminationSettings, Indirect, Learner, Learning, RecordReport},
+    render::{
+        Illumination, IlluminationReport, IlluminationSettings, Indirect, Learner, Learning, RecordReport,
+        RenderSettings, Rendering, Stage,
+    },
     technique::{SecondaryLight, irradiance::IrradianceSettings},
 };
 

@@ -112,7 +112,9 @@ fn an_irradiance_report_is_whole() {
     let errors =
         report.tables[0].rows.iter().map(|row| report.tables[0].cell(row, "one_bounce_error_percent"));
     assert!(errors.clone().count() == 2);
-    errors.for_each(|error| assert!(error.value().is_some_and(|error| error < 60.0), "{error:?}"));
+    // Four samples of a small box in means of 4 × 4 pixels are off by a few percent, records by less; a picture without
+    // its indirect light by 60.
+    errors.for_each(|error| assert!(error.value().is_some_and(|error| error < 25.0), "{error:?}"));
 }
 
 /// Missing scenes are named with the place they belong to, and the built-in ones stand in.

@@ -26,8 +26,8 @@ use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
-/// Slice of learning about the light between two slices of refining: as [`Rendering`] shares its time.
-const LEARNING_SECONDS: f64 = 0.3;
+/// Slice of learning about the light between two slices of refining, for one viewer alone.
+const LEARNING_SECONDS: f64 = 0.2;
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
@@ -123,13 +123,13 @@ impl Painter {
         for film in self.films.values_mut() {
             let Some(light) = film.key.light() else { continue };
             let generation = self.lighting.generation(light);
-            if film.light_generation == generation {
+            let epoch = self.lighting.epoch(light);
+            let is_same_scene = film.light_epoch == epoch;
+            if film.light_generation == generation || (film.is_at_rest && is_same_scene) {
                 continue;
             }
             let known = self.lighting.known(light);
-            film.light_generation = generation;
-            let epoch = self.lighting.epoch(light);
-            let is_same_scene = std::mem::replace(&mut film.light_epoch, epoch) == epoch;
+            (film.light_generation, film.light_epoch, film.is_at_rest) = (generation, epoch, false);
             let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
             film.measured = None;
             film.offer_at_passes = 0;
@@ -142,8 +142,8 @@ impl Painter {
     /// Learns of the light for a slice of time; true when it did anything.
     fn learn(&mut self, is_moving: bool) -> bool {
         let milliseconds = self.scene.workshop.config.moving_pass_ms;
-        // Who looks without what is learnt gets as much time as is spent on learning.
-        let is_alone = self.films.values().all(ViewerFilm::is_lit_by_the_scene);
+        // Who looks without what is learnt, or has to share with others, gets as much time as is spent on learning.
+        let is_alone = self.films.len() == 1 && self.films.values().all(ViewerFilm::is_lit_by_the_scene);
         let slice = match (is_moving, is_alone) {
             (true, _) => milliseconds * 1e-3,
             (false, true) => LEARNING_SECONDS,
@@ -482,6 +482,7 @@ impl Painter {
         let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
         let converged = film.has_converged(layer, wish, rest);
+        film.is_at_rest = converged && film.is_lit_by_the_scene();
         let codec = frames::codec(wish.quality.codec, converged);
         film.offer_at_passes = next_offer_after(passes);
         // Even if packing fails: it would fail again at once.

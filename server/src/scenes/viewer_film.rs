@@ -110,6 +110,8 @@ pub(super) struct ViewerFilm {
     pub(super) light_generation: u64,
     /// Of which scene that is.
     pub(super) light_epoch: u64,
+    /// It has converged with what was known of the light: what others make known by looking elsewhere does not wake it.
+    pub(super) is_at_rest: bool,
     pub(super) measured: Option<MeasuredError>,
     pub(super) packer: Packer,
     pub(super) speed: Speed,
@@ -157,6 +159,7 @@ impl ViewerFilm {
             offer_at_passes: 0,
             light_generation: 0,
             light_epoch: 0,
+            is_at_rest: false,
             measured: None,
             packer: Packer::default(),
             speed,
@@ -172,6 +175,7 @@ impl ViewerFilm {
         self.climb = None;
         self.offer_at_passes = 0;
         self.measured = None;
+        self.is_at_rest = false;
     }
 
     /// It shows what is known of the scene's light, for all viewers alike.
@@ -203,7 +207,8 @@ impl ViewerFilm {
             None if self.is_lit_by_the_scene() => passes >= PASSES_UNMEASURED,
             None => passes >= PASSES_BLACK,
         };
-        layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
+        self.is_at_rest
+            || layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
     }
 
     /// Whether a refined picture is worth sending.

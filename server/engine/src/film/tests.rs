@@ -132,7 +132,8 @@ fn a_cancelled_pass_leaves_means() {
     assert!(film.measured_error().is_some());
 }
 
-/// Albedo counts misses as black; normal and depth are those of the samples that hit.
+/// Light that is less well known counts for two passes beside better light, light from before an edit for none; direct light
+/// stays.
 #[test]
 fn outdated_light_counts_for_two_passes() {
     let of = |radiance: f32| {
@@ -168,6 +169,7 @@ fn outdated_light_counts_for_two_passes() {
     assert!(film.layer(PathClass::Direct).iter().all(|value| near(value.r, 3.0)));
 }
 
+/// Albedo counts misses as black; normal and depth are those of the samples that hit.
 #[test]
 fn first_hit_layers_are_means_over_what_was_hit() {
     let mut film = film(2, 1);

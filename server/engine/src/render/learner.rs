@@ -26,6 +26,8 @@ const PHOTON_DIVISOR: u32 = 4;
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
 const MORE: f64 = 1.4;
+/// And for so many more of all records there are at least: all are copied to be shown.
+const COPIED_SHARE: f64 = 0.02;
 
 /// Photons and octree, and what is gathered from them for those who look, improved step by step and kept through edits.
 #[derive(Debug)]
@@ -41,11 +43,13 @@ pub struct Learner {
     generation: u64,
     /// Edits whose light is known.
     epoch: u64,
-    /// What is known is of the scene before an edit.
+    /// What is known is of the scene before an edit, or nothing yet.
     is_stale: bool,
     /// How often light was gathered for what is shown.
     shown_count: u64,
-    /// And when the last gaze began.
+    /// Records of what is shown.
+    shown_records: usize,
+    /// How often light was gathered when the last gaze began.
     gaze_count: u64,
     record_seconds: f64,
     record_counts: Counts,
@@ -76,8 +80,9 @@ impl Learner {
             known: None,
             generation: 0,
             epoch: 0,
-            is_stale: false,
+            is_stale: true,
             shown_count: 0,
+            shown_records: 0,
             gaze_count: 0,
             record_seconds: 0.0,
             record_counts: Counts::default(),
@@ -90,7 +95,6 @@ impl Learner {
         let Some(records) = &mut self.records else { return };
         if records.look(key, camera, size) {
             self.gaze_count = records.gathered_count();
-            self.shown_count = self.gaze_count;
         }
     }
 
@@ -144,8 +148,13 @@ impl Learner {
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
         self.record_seconds += start.elapsed().as_secs_f64();
-        let [now, shown] = [records.gathered_count(), self.shown_count].map(|count| count - self.gaze_count);
-        let has_many = now as f64 >= MORE * shown.max(1) as f64;
+        let fresh = (records.gathered_count() - self.shown_count) as f64;
+        let for_gaze = self.shown_count.saturating_sub(self.gaze_count) as f64;
+        let count = records.cache().records().len();
+        // A copy of all for a few is not worth its time, and few in place of many not worth showing.
+        let has_many = fresh >= (MORE - 1.0) * for_gaze
+            && fresh >= COPIED_SHARE * count as f64
+            && 2 * count >= self.shown_records;
         (progress.complete || has_many) && self.shows_all()
     }
 
@@ -158,6 +167,7 @@ impl Learner {
             self.known = Some(records.snapshot());
             self.generation += 1;
             self.shown_count = count;
+            self.shown_records = records.cache().records().len();
         }
         is_more
     }
@@ -177,7 +187,7 @@ impl Learner {
     }
 
     fn forget_records(&mut self) {
-        (self.shown_count, self.gaze_count) = (0, 0);
+        (self.shown_count, self.shown_records, self.gaze_count) = (0, 0, 0);
         if self.records.take().is_some() {
             self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();
             self.generation += 1;

@@ -1,8 +1,8 @@
 //! The progressive loop: a view of a world, a film, and the techniques that fill it.
 //!
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
-//! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with what is known. Imports every room to its left; the server
-//! talks to this one.
+//! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
+//! what is known. Imports every room to its left; the server talks to this one.
 
 mod illumination;
 mod learner;

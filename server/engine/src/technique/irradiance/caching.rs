@@ -3,7 +3,10 @@
 //! Every view that is looked through is walked until all its pixels are covered, first for a rough answer, then for finer
 //! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves.
 
-use std::sync::{Arc, atomic::Ordering};
+use std::{
+    sync::{Arc, atomic::Ordering},
+    time::Instant,
+};
 
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
@@ -21,8 +24,11 @@ use crate::{
 /// for it stays. Later views find the last of them.
 const ROUNDS: [f32; 3] = [4.0, 2.0, 1.0];
 
-/// Walks over every pixel after the first in each round, at most.
+/// Walks over every pixel after the first in the last round, at most.
 const WALKS_AGAIN_MAX: u32 = 4;
+
+/// Time of making records in one step, about.
+const STEP_SECONDS: f64 = 0.01;
 
 /// Making records for views.
 #[derive(Debug)]
@@ -42,6 +48,8 @@ pub struct IrradianceCaching {
     places: Vec<(Seen, u32)>,
     refining: Refining,
     gathered_count: u64,
+    /// Of the newest.
+    seconds_per_record: Option<f64>,
     /// What is looked at has changed since all records were dropped.
     may_drop: bool,
 }
@@ -113,6 +121,7 @@ impl IrradianceCaching {
             places: Vec::new(),
             refining: Refining::BEGIN,
             gathered_count: 0,
+            seconds_per_record: None,
             may_drop: false,
         }
     }
@@ -179,21 +188,24 @@ impl IrradianceCaching {
 
     /// Makes some of the records that a view lacks.
     fn cover_some(&mut self, index: usize, step: &Step<'_>) -> Counts {
-        if self.is_full() {
-            self.drop_all();
-        }
+        let start = Instant::now();
         let room = self.settings.records_max - self.cache.records.len();
-        let count_max = self.settings.records_per_batch.get().min(room);
+        let count_max = self.settings.records_per_batch.get().min(room.max(1));
         let gaze = &mut self.gazes[index];
         let mut batch = self.batch.take().unwrap_or_else(|| {
             let view = View::new(step.world, &gaze.camera, gaze.size);
             let places = gaze.walk.missing(step.world, &view, &self.cache, count_max);
             Batch { key: gaze.key, places, records: Vec::new() }
         });
+        if batch.places.len() > room {
+            self.drop_all();
+            return Counts::default();
+        }
         let first = batch.records.len();
-        let end = batch.places.len().min(first + records_per_step());
+        let end = batch.places.len().min(first + self.records_per_step());
         let (records, counts) =
             record::gather_all(step.world, &batch.places[first..end], &self.cache.settings, &*self.arriving);
+        self.take_pace(records.len(), start);
         batch.records.extend(records);
         if end < batch.places.len() {
             self.batch = Some(batch);
@@ -214,15 +226,31 @@ impl IrradianceCaching {
         counts
     }
 
+    /// Records made in one step, so that whoever moves gets pictures in between. What they become does not depend on it.
+    fn records_per_step(&self) -> usize {
+        let threads = rayon::current_num_threads();
+        let fitting = self.seconds_per_record.map_or(0.0, |seconds| STEP_SECONDS / seconds.max(1e-6));
+        (fitting as usize).clamp(threads, 64 * threads)
+    }
+
+    /// Takes note of how long some records took.
+    fn take_pace(&mut self, count: usize, start: Instant) {
+        if count > 0 {
+            self.seconds_per_record = Some(start.elapsed().as_secs_f64() / count as f64);
+        }
+    }
+
     /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
     /// or the next round.
     fn after_walk(&mut self, index: usize) {
         let gaze = &mut self.gazes[index];
-        if self.cache.shrunk_count > gaze.shrunk_before && gaze.walks_again < WALKS_AGAIN_MAX {
+        let is_last_round = self.round + 1 == ROUNDS.len();
+        let has_lost = self.cache.shrunk_count > gaze.shrunk_before;
+        if is_last_round && has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
             gaze.walk = Walk::over_all(gaze.size);
             gaze.shrunk_before = self.cache.shrunk_count;
             gaze.walks_again += 1;
-        } else if self.round + 1 < ROUNDS.len() {
+        } else if !is_last_round {
             self.go_finer();
         } else {
             gaze.is_covered = true;
@@ -260,9 +288,11 @@ impl IrradianceCaching {
 
     /// Gathers once more for the next records of those for which it was done least often.
     fn refine_some(&mut self, world: &World) -> Counts {
+        let start = Instant::now();
         let Refining { visits, next } = self.refining;
         let is_due = |index: &usize| self.places[*index].1 == visits;
-        let due: Vec<usize> = (next..self.places.len()).filter(is_due).take(records_per_step()).collect();
+        let due: Vec<usize> =
+            (next..self.places.len()).filter(is_due).take(self.records_per_step()).collect();
         let points: Vec<Seen> = due.iter().map(|index| self.places[*index].0).collect();
         let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
         let (records, counts) =
@@ -272,17 +302,13 @@ impl IrradianceCaching {
             self.places[*index].1 += 1;
         }
         self.gathered_count += due.len() as u64;
+        self.take_pace(due.len(), start);
         self.refining = match due.last() {
             Some(last) => Refining { visits, next: last + 1 },
             None => Refining { visits: visits + 1, next: 0 },
         };
         counts
     }
-}
-
-/// Records made in one step: some 10 ms, so that whoever moves gets pictures in between.
-fn records_per_step() -> usize {
-    8 * rayon::current_num_threads()
 }
 
 impl Technique for IrradianceCaching {

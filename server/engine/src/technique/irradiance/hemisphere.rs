@@ -18,6 +18,8 @@ use crate::{
 
 /// Distances below this share of the scene's radius count as it.
 const NEAREST: f32 = 1e-6;
+/// More rays than any setting sends: keeps shares of them finite where no noise is allowed.
+const RAYS_WANTED_MAX: f32 = 1e9;
 /// Apart from those of the eye's paths.
 const GATHER_SEQUENCE: u32 = 0x6761;
 
@@ -132,7 +134,7 @@ impl Gathering<'_> {
             return Vec::new();
         }
         // Shared out by spread, n rays know the sum to Σ spread / √n [Neyman1934].
-        let wanted = (spreads / (noise * all)).powi(2);
+        let wanted = (spreads / (noise * all)).powi(2).min(RAYS_WANTED_MAX);
         let rays_per_spread = wanted / spreads;
         let more = |spread: &f32| (rays_per_spread * spread - 1.0).max(0.0);
         let asked: f32 = spread.iter().map(more).sum();

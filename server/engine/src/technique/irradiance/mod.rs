@@ -43,8 +43,7 @@ pub struct IrradianceSettings {
     pub ray_count: NonZeroUsize,
     /// Noise of a record's irradiance from which on more rays are not worth their time, a share of it.
     pub noise: f32,
-    /// How often light is gathered for a record, at most: once for all records, then again and again for each, until their
-    /// noise is small beside what interpolation leaves.
+    /// How often light is gathered for a record: once for all, then again for all.
     pub visits: NonZeroU32,
     /// Records that are found missing together at most: of neighbours among them only one is made.
     pub records_per_batch: NonZeroUsize,
@@ -105,7 +104,7 @@ pub struct IrradianceCache {
     base: Option<Arc<dyn SecondaryLight>>,
     /// Answers before that: records that count farther.
     rougher: Option<Arc<IrradianceCache>>,
-    /// Records whose radius a neighbour has made smaller.
+    /// How often a neighbour has made a record count less far.
     shrunk_count: u64,
 }
 
@@ -169,8 +168,9 @@ impl IrradianceCache {
                     // Its entries in the index reach as far as before, which is too far and does no harm.
                     let radius_m = record.reach_m(accuracy) / accuracy + away(other);
                     if radius_m < other.radius_m {
+                        let before_m = other.reach_m(accuracy);
                         other.radius_m = radius_m;
-                        self.shrunk_count += 1;
+                        self.shrunk_count += u64::from(other.reach_m(accuracy) < before_m);
                     }
                 }
             }

@@ -2,13 +2,14 @@
 
 use std::{num::NonZeroUsize, sync::Arc};
 
-use glam::Vec3;
+use glam::{DAffine3, Vec3};
 
 use super::{walk::Seen, *};
 use crate::{
     accel::{Hit, Ray, SurfacePoint},
     film::PictureSize,
     math::sobol::{self, PixelSampler, point},
+    scene::CameraView,
     scene::samples,
     technique::{Products, Step, Technique},
     transport::World,
@@ -367,5 +368,96 @@ fn the_walk_leaves_no_pixel_out() {
                 assert!(found.is_some(), "{width}x{height}: pixel {x} {y}");
             }
         }
+    }
+}
+
+/// The share of a view's pixels that records count at.
+fn covered(caching: &IrradianceCaching, world: &World, camera: &CameraView, size: PictureSize) -> f32 {
+    let view = View::new(world, camera, size);
+    let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
+    let counts = |(x, y): (u32, u32)| {
+        let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
+        let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+        let facing = Facing::of(&surface, -ray.direction);
+        f32::from(u8::from(caching.cache().irradiance(surface.point.position, &facing).is_some()))
+    };
+    pixels.map(counts).sum::<f32>() / size.pixel_count() as f32
+}
+
+/// The room's camera, and one that looks the other way.
+fn two_cameras(world: &World) -> [CameraView; 2] {
+    let camera = world.scene().camera_view(None).unwrap();
+    let turned = DAffine3::from_rotation_y(std::f64::consts::PI) * camera.world_from_camera;
+    [camera, CameraView { world_from_camera: turned, ..camera }]
+}
+
+fn step_once(caching: &mut IrradianceCaching, world: &World) {
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let mut products = Products::default();
+    caching.step(&mut Step { world, products: &mut products, canvas: None, cancel: &never });
+}
+
+/// Views that come, change and go between any two steps all end covered, with records that one after the other would have
+/// been enough for, and each record gathered for as often as asked.
+#[test]
+fn views_come_and_go() {
+    let world = room();
+    let painted: Arc<dyn ArrivingLight> = Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)));
+    let cameras = two_cameras(&world);
+    let size = PictureSize::new(40, 30).unwrap();
+    for pause in [1, 2, 3, 7, 40] {
+        let mut caching = IrradianceCaching::new(with_rays(40), painted.clone(), None);
+        caching.look(3, &cameras[0], size);
+        (0..pause).for_each(|_| step_once(&mut caching, &world));
+        caching.look(5, &cameras[1], size);
+        caching.look(9, &cameras[1], PictureSize::new(64, 8).unwrap());
+        (0..pause).for_each(|_| step_once(&mut caching, &world));
+        caching.look_away(|key| key == 5);
+        caching.look(5, &cameras[0], size);
+        step_once(&mut caching, &world);
+        caching.look(5, &cameras[1], size);
+        caching.look(3, &cameras[0], size);
+        finish(&mut caching, &world);
+        for camera in &cameras {
+            assert_eq!(covered(&caching, &world, camera, size), 1.0, "{pause}");
+        }
+        let (records, gathered) = (caching.cache().records().len() as u64, caching.gathered_count());
+        let visits = u64::from(IrradianceSettings::default().visits.get());
+        assert_eq!(gathered, visits * records, "{pause}");
+    }
+}
+
+/// A full cache keeps its records while what is looked at has them, makes them anew for another view, and comes to rest with
+/// no more than it may hold, even where one view needs more.
+#[test]
+fn a_full_cache_makes_room_once() {
+    let world = room();
+    let painted: Arc<dyn ArrivingLight> = Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)));
+    let cameras = two_cameras(&world);
+    let size = PictureSize::new(40, 30).unwrap();
+    let mut caching = IrradianceCaching::new(with_rays(40), painted.clone(), None);
+    caching.look(0, &cameras[0], size);
+    finish(&mut caching, &world);
+    let needed = caching.cache().records().len();
+    for records_max in [needed, needed / 3] {
+        let settings = IrradianceSettings { records_max, ..with_rays(40) };
+        let mut caching = IrradianceCaching::new(settings, painted.clone(), None);
+        caching.look(0, &cameras[0], size);
+        finish(&mut caching, &world);
+        let first = caching.cache().records()[0];
+        assert_eq!(caching.cache().records().len(), records_max);
+        if records_max == needed {
+            // The same view by another name.
+            caching.look(1, &cameras[0], size);
+            finish(&mut caching, &world);
+            assert_eq!(caching.cache().records()[0].position, first.position);
+        }
+        caching.look_away(|_| false);
+        caching.look(2, &cameras[1], size);
+        finish(&mut caching, &world);
+        assert!(caching.cache().records().len() <= records_max);
+        assert_ne!(caching.cache().records()[0].position, first.position);
+        let share = covered(&caching, &world, &cameras[1], size);
+        assert!(share > if records_max == needed { 0.9 } else { 0.2 }, "{share} of {records_max}");
     }
 }

@@ -36,6 +36,17 @@ pub(super) struct Tracer<'a> {
     pub(super) near_blurs: f32,
 }
 
+/// Which rays go on from a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Followed {
+    /// Those of classes that are asked for.
+    Wanted,
+    /// All.
+    All,
+    /// Those of other lobes than the diffuse one.
+    Specular,
+}
+
 /// A path on its way.
 struct Path<'a> {
     ray: Ray,
@@ -157,9 +168,14 @@ impl Tracer<'_> {
         let known = self.known_at(path, &surface);
         let is_near =
             known.is_some_and(|known| path.near_count < NEAR_MAX && hit.t < self.near_blurs * known.blur_m);
-        // Beyond a near surface the path goes on by mirrors, or past another near one.
-        let is_last = is_beyond_near && surface.bsdf.has_diffuse() && !is_near;
-        self.add_light_sample(path, &surface, is_last, sample, tally);
+        let followed = match (is_beyond_near, is_near) {
+            (false, _) => Followed::Wanted,
+            // Past another near one.
+            (true, true) => Followed::All,
+            // What the diffuse lobe sends is known here.
+            (true, false) => Followed::Specular,
+        };
+        self.add_light_sample(path, &surface, followed, sample, tally);
         if let Some(known) = known {
             path.is_near = is_near;
             path.near_count += u32::from(is_near);
@@ -167,7 +183,7 @@ impl Tracer<'_> {
             sample.radiance[PathClass::Indirect as usize] += path.throughput * indirect;
             sample.radiance[PathClass::Caustic as usize] += path.throughput * known.caustic;
         }
-        !is_last && self.scatter(path, &surface)
+        self.scatter(path, &surface, followed)
     }
 
     /// True when no further scattering of the path is asked for.
@@ -212,12 +228,12 @@ impl Tracer<'_> {
 
     /// Light sampling: one light, each lobe weighed by itself.
     ///
-    /// - `is_last`: no ray goes on from here that light sampling would compete with
+    /// - `followed`: the rays that go on from here, which light sampling competes with
     fn add_light_sample(
         &self,
         path: &Path<'_>,
         surface: &Surface,
-        is_last: bool,
+        followed: Followed,
         sample: &mut PixelSample,
         tally: &mut impl Tally,
     ) {
@@ -247,10 +263,12 @@ impl Tracer<'_> {
         let mut add = |lobe: &LobeValue, scatter| {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
-            let weight = if is_last { 1.0 } else { weight };
-            // Beyond near surfaces glossy lobes are left to what is known.
-            let is_wanted =
-                if path.is_beyond_near() { scatter == Scatter::Diffuse } else { self.wants(class) };
+            let (weight, is_wanted) = match followed {
+                Followed::Wanted => (weight, self.wants(class)),
+                // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
+                Followed::All => (weight, scatter == Scatter::Diffuse),
+                Followed::Specular => (1.0, scatter == Scatter::Diffuse),
+            };
             if is_wanted {
                 sample.radiance[class as usize] += arriving * lobe.f_cos * weight;
             }
@@ -277,16 +295,17 @@ impl Tracer<'_> {
     }
 
     /// Draws where the path goes on. False when it ends here.
-    fn scatter(&self, path: &mut Path<'_>, surface: &Surface) -> bool {
+    fn scatter(&self, path: &mut Path<'_>, surface: &Surface, followed: Followed) -> bool {
         let [lobe, u, v, survival] = path.sampler.four(1 + 2 * path.bounce);
         let wo = -path.ray.direction;
         let wo_local = surface.frame.to_local(wo);
         let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
-        let is_wanted = match path.is_beyond_near() {
-            true => drawn.scatter == Scatter::Diffuse || !surface.bsdf.has_diffuse(),
-            false => self.wants(class),
+        let is_wanted = match followed {
+            Followed::Wanted => self.wants(class),
+            Followed::All => true,
+            Followed::Specular => drawn.scatter == Scatter::Specular,
         };
         if !is_wanted {
             return false;
