@@ -60,7 +60,7 @@ struct Path<'a> {
     last: Option<LastVertex>,
     /// What the ray crosses; `None` in air and clear glass.
     medium: Option<Absorption>,
-    /// The last diffuse surface was too near to be answered for.
+    /// The first diffuse surface was too near to be answered for.
     is_near: bool,
     /// How many were.
     near_count: u32,
@@ -177,7 +177,8 @@ impl Tracer<'_> {
         };
         self.add_light_sample(path, &surface, followed, sample, tally);
         if let Some(known) = known {
-            path.is_near = is_near;
+            // Beyond a near surface the path stays so, whatever it meets.
+            path.is_near = is_near || is_beyond_near;
             path.near_count += u32::from(is_near);
             let indirect = if is_near { Rgb::BLACK } else { known.indirect };
             sample.radiance[PathClass::Indirect as usize] += path.throughput * indirect;
