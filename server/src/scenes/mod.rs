@@ -133,6 +133,8 @@ struct Board {
     light_changes: lighting::LightChanges,
     /// Something changed since the render thread last looked.
     news: bool,
+    /// Some of it is of a camera, a wish or an edit: what is being refined gives way.
+    urgent: bool,
     closing: bool,
 }
 
@@ -389,8 +391,13 @@ impl Scene {
     }
 
     fn tell_painter(&self, news: News) {
-        lock(&self.board).news = true;
-        if matches!(news, News::Urgent) && self.interruptible.load(SeqCst) {
+        let is_urgent = matches!(news, News::Urgent);
+        {
+            let mut board = lock(&self.board);
+            board.news = true;
+            board.urgent |= is_urgent;
+        }
+        if is_urgent && self.interruptible.load(SeqCst) {
             self.cancel.store(true, SeqCst);
         }
         self.wake.notify_one();

@@ -150,7 +150,7 @@ impl Painter {
             (false, false) => SLICE_SECONDS,
         };
         let scene = &self.scene;
-        let is_news = || lock(&scene.board).news;
+        let is_news = || lock(&scene.board).urgent;
         self.lighting.learn(Duration::from_secs_f64(slice), &scene.workshop, is_news)
     }
 
@@ -158,6 +158,7 @@ impl Painter {
     fn look_at_board(&mut self) -> Option<Vec<Arc<Viewer>>> {
         let mut board = lock(&self.scene.board);
         board.news = false;
+        board.urgent = false;
         if board.closing {
             return None;
         }
@@ -448,9 +449,10 @@ impl Painter {
     fn step(&mut self, rendering: &mut Rendering, cut: Cut) -> (bool, u64, f64) {
         self.scene.cancel.store(false, SeqCst);
         self.scene.interruptible.store(cut.interruptible, SeqCst);
-        // News that came before the line above saw nothing to interrupt: look at it first.
+        // Urgent news that came before the line above saw nothing to interrupt: look at it first. An acknowledgement of one
+        // viewer's picture takes no slice from another.
         let board = lock(&self.scene.board);
-        if board.closing || (cut.interruptible && board.news) {
+        if board.closing || (cut.interruptible && board.urgent) {
             return (false, 0, 0.0);
         }
         drop(board);
