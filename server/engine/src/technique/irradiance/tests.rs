@@ -391,6 +391,11 @@ fn two_cameras(world: &World) -> [CameraView; 2] {
     [camera, CameraView { world_from_camera: turned, ..camera }]
 }
 
+/// Light that is different on every wall.
+fn uneven() -> Arc<dyn ArrivingLight> {
+    Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)))
+}
+
 fn step_once(caching: &mut IrradianceCaching, world: &World) {
     let never = std::sync::atomic::AtomicBool::new(false);
     let mut products = Products::default();
@@ -402,7 +407,7 @@ fn step_once(caching: &mut IrradianceCaching, world: &World) {
 #[test]
 fn views_come_and_go() {
     let world = room();
-    let painted: Arc<dyn ArrivingLight> = Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)));
+    let painted = uneven();
     let cameras = two_cameras(&world);
     let size = PictureSize::new(40, 30).unwrap();
     for pause in [1, 2, 3, 7, 40] {
@@ -432,7 +437,7 @@ fn views_come_and_go() {
 #[test]
 fn a_full_cache_makes_room_once() {
     let world = room();
-    let painted: Arc<dyn ArrivingLight> = Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)));
+    let painted = uneven();
     let cameras = two_cameras(&world);
     let size = PictureSize::new(40, 30).unwrap();
     let mut caching = IrradianceCaching::new(with_rays(40), painted.clone(), None);

@@ -315,6 +315,20 @@ impl SecondaryLight for EvenSecondary {
     }
 }
 
+/// Mean of what rays bring to a point in a corner from all around.
+fn mean_arriving(world: &World, tracer: &PathTracer, count: u32) -> f64 {
+    let sum: f64 = (0..count)
+        .map(|index| {
+            let [u, v, ..] = crate::math::sobol::point(1, index);
+            let ray = Ray::new(Vec3::new(0.9, -0.9, 0.8), crate::math::warp::sphere([u, v]));
+            let met = world.closest_hit(&ray);
+            let sampler = PixelSampler::new(1, 0, 0, index);
+            f64::from(tracer.radiance(world, &ray, met, &sampler, &mut Counts::default()).mean())
+        })
+        .sum();
+    sum / f64::from(count)
+}
+
 /// Rays of a gather bring what surfaces scatter in a furnace, L − E, whether what they meet is near and looked past or not;
 /// with a bound, the terms of the series up to it.
 #[test]
@@ -328,18 +342,7 @@ fn near_surfaces_are_looked_past_without_loss() {
         let secondary = Arc::new(EvenSecondary { irradiance, blur_m });
         let settings = PathSettings { classes: PathClasses::EmittedAndDirect, bounces_max: None, seed: 3 };
         let tracer = PathTracer::with_secondary(settings, secondary);
-        let mut counts = Counts::default();
-        const COUNT: u32 = 40_000;
-        let sum: f64 = (0..COUNT)
-            .map(|index| {
-                let [u, v, ..] = crate::math::sobol::point(1, index);
-                let ray = Ray::new(Vec3::new(0.9, -0.9, 0.8), crate::math::warp::sphere([u, v]));
-                let met = world.closest_hit(&ray);
-                let sampler = PixelSampler::new(1, 0, 0, index);
-                f64::from(tracer.radiance(&world, &ray, met, &sampler, &mut counts).mean())
-            })
-            .sum();
-        let mean = sum / f64::from(COUNT);
+        let mean = mean_arriving(&world, &tracer, 40_000);
         let expected = f64::from(radiance - emission);
         assert!((mean / expected - 1.0).abs() < 0.01, "blur {blur_m} m: {mean} for {expected}");
     }
@@ -417,19 +420,7 @@ fn near_glossy_surfaces_are_looked_past_without_loss() {
     let traced = Traced { world: world.clone(), asked: 0.into() };
     let settings = PathSettings { classes: PathClasses::EmittedAndDirect, bounces_max: None, seed: 3 };
     let near = PathTracer::with_secondary(settings, Arc::new(traced));
-    let mean = |tracer: &PathTracer| {
-        const COUNT: u32 = 60_000;
-        let sum: f64 = (0..COUNT)
-            .map(|index| {
-                let [u, v, ..] = crate::math::sobol::point(1, index);
-                let ray = Ray::new(Vec3::new(0.9, -0.9, 0.8), crate::math::warp::sphere([u, v]));
-                let met = world.closest_hit(&ray);
-                let sampler = PixelSampler::new(1, 0, 0, index);
-                f64::from(tracer.radiance(&world, &ray, met, &sampler, &mut Counts::default()).mean())
-            })
-            .sum();
-        sum / f64::from(COUNT)
-    };
+    let mean = |tracer: &PathTracer| mean_arriving(&world, tracer, 60_000);
     let (found, expected) = (mean(&near), mean(&whole()));
     // Without the glossy lobes of near surfaces a tenth and more is missing.
     assert!((found / expected - 1.0).abs() < 0.02, "{found} for {expected}");
