@@ -22,8 +22,8 @@ use std::{
 
 use lumicast_engine::{
     effects::EffectPlan,
-    film::{Display, Film, PictureSize},
-    render::{Illumination, Learning, RenderSettings, Rendering},
+    film::{Display, Film, Picture, PictureSize},
+    render::{Illumination, Indirect, Learning, RenderSettings, Rendering},
     transport::World,
 };
 
@@ -47,7 +47,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let mut rendering = job.rendering();
     let outcome = job.render(&mut rendering)?;
     let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
-    let picture = encode(&args, format, rendering.film(), &facts)?;
+    let picture = encode(&args, format, &rendering.picture(), &facts)?;
     let statistics = job.statistics(&rendering, &outcome);
     if let Some(signal) = outcome.interrupt.came() {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
@@ -64,11 +64,6 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     }
     if format == OutputFormat::Exr && args.exposure != 0.0 {
         eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
-    }
-    if args.indirect.is_learnt() && args.error.is_some() {
-        let message = "--error: the error of the light octree and of the irradiance cache is more than noise and is not \
-                       measured yet: give --time or --samples, or take --indirect path";
-        return Err(CliError::Usage(message.into()));
     }
     for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
         let Some(path) = path else { continue };
@@ -116,7 +111,7 @@ impl<'a> Job<'a> {
         let scene = &loaded.scene;
         let camera = find_camera(scene, args.camera.as_deref())?;
         let size = args.size.unwrap_or_else(|| default_size(camera.map(|(_, camera)| camera)));
-        check_memory(size)?;
+        check_memory(size, args.technique())?;
         let view = camera.and_then(|(name, _)| scene.camera_view(Some(name)));
         if view.is_none() {
             eprintln!("note: the scene has no camera; showing all of it from the front");
@@ -147,11 +142,16 @@ impl<'a> Job<'a> {
     }
 
     fn rendering(&self) -> Rendering {
-        let RenderArgs { indirect, bounces, seed, .. } = *self.args;
-        // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
-        let learning = match self.rule.time {
-            Some(time) => Learning::Alongside { until: self.moment(LEARNING_UNTIL * time.as_secs_f64()) },
-            None => Learning::First,
+        let RenderArgs { bounces, seed, .. } = *self.args;
+        let indirect = self.args.technique();
+        let learning = match self.rule {
+            // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
+            StopRule { time: Some(time), .. } => {
+                Learning::Alongside { until: self.moment(LEARNING_UNTIL * time.as_secs_f64()) }
+            }
+            // So many samples of the best that can be known.
+            StopRule { samples: Some(_), .. } => Learning::First,
+            StopRule { .. } => Learning::InStep,
         };
         let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning };
         Rendering::new(self.world.clone(), self.view, self.size, settings)
@@ -201,7 +201,7 @@ impl<'a> Job<'a> {
             if let Some(snapshots) = &mut snapshots
                 && seconds >= snapshots.next_seconds()
             {
-                snapshots.take_if_due(rendering.film(), &self.facts_now(rendering), seconds)?;
+                snapshots.take_if_due(rendering, &self.facts_now(rendering), seconds)?;
             }
             if let Some(reason) = self.is_done(rendering, seconds) {
                 break reason;
@@ -210,7 +210,7 @@ impl<'a> Job<'a> {
         progress.finish();
         let seconds = self.seconds();
         if let Some(snapshots) = &mut snapshots {
-            snapshots.take(rendering.film(), &self.facts_now(rendering), seconds)?;
+            snapshots.take(rendering, &self.facts_now(rendering), seconds)?;
         }
         let snapshot_count = snapshots.map_or(0, |snapshots| snapshots.count());
         Ok(Outcome { stopped_by, seconds, frame_seconds, snapshot_count, interrupt })
@@ -218,11 +218,8 @@ impl<'a> Job<'a> {
 
     /// Sample and error bounds are looked at after whole passes only, so that no alarm decides about them.
     fn is_done(&self, rendering: &Rendering, seconds: f64) -> Option<StopReason> {
-        let film = rendering.film();
-        let is_whole = film.passes_min() == film.passes_max() && rendering.knows_its_light();
-        let by_film =
-            if is_whole { self.rule.is_done(film.passes_min(), || rendering.measured_error()) } else { None };
-        by_film
+        let by_picture = rendering.is_whole().then(|| self.rule.is_done_with(rendering)).flatten();
+        by_picture
             .or_else(|| self.rule.time.filter(|time| seconds >= time.as_secs_f64()).map(|_| StopReason::Time))
     }
 
@@ -254,7 +251,7 @@ impl<'a> Job<'a> {
             revision: 1,
             seed: self.args.seed,
             samples_per_pixel: rendering.passes(),
-            technique: rendering.card().name,
+            technique: rendering.technique_name(),
             error,
             error_ci,
             seconds: None,
@@ -281,7 +278,7 @@ impl<'a> Job<'a> {
     }
 
     fn statistics(&self, rendering: &Rendering, outcome: &Outcome) -> Statistics {
-        let (film, counts, report) = (rendering.film(), rendering.counts(), self.world.report());
+        let (counts, report) = (rendering.counts(), self.world.report());
         let (error, error_ci, error_trimmed) = statistics::shown_errors(rendering.measured_error());
         let plan = EffectPlan::of(self.world.scene());
         let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
@@ -293,7 +290,7 @@ impl<'a> Job<'a> {
             camera: self.camera.clone(),
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
-            technique: rendering.card().name,
+            technique: rendering.technique_name(),
             backend: "cpu",
             adapter: None,
             threads: self.pool.current_num_threads(),
@@ -317,7 +314,7 @@ impl<'a> Job<'a> {
                 rays: counts.rays + counts.shadow_rays,
                 shadow_rays: counts.shadow_rays,
                 paths: counts.paths,
-                dropped_samples: film.dropped_samples(),
+                dropped_samples: rendering.dropped_samples(),
                 photons_stored: light.photons_stored,
                 voxels: light.voxels,
                 vdls: light.vdls,
@@ -332,9 +329,9 @@ impl<'a> Job<'a> {
                 photons: light.photon_bytes,
                 octree: light.octree_bytes,
                 records: records.bytes,
-                film: film.bytes(),
+                film: rendering.film_bytes(),
             },
-            effects: statistics::effects(&plan, self.args.indirect, self.args.bounces),
+            effects: statistics::effects(&plan, self.args.technique(), self.args.bounces),
             not_run: not_run(rendering.illumination().is_some(), records.count > 0),
         }
     }
@@ -345,9 +342,10 @@ fn core_count() -> usize {
 }
 
 /// Refuses a film that the machine cannot hold, instead of being killed half way.
-fn check_memory(size: PictureSize) -> Result<(), CliError> {
+fn check_memory(size: PictureSize, indirect: Indirect) -> Result<(), CliError> {
     // The sums, and up to 100 bytes a pixel for pictures and layers on their way into a file.
-    let needed = size.pixel_count() as u64 * (Film::BYTES_PER_PIXEL as u64 + 100);
+    let bytes_per_pixel = indirect.film_count() * Film::BYTES_PER_PIXEL + 100;
+    let needed = size.pixel_count() as u64 * bytes_per_pixel as u64;
     match available_bytes() {
         Some(available) if needed > available => Err(CliError::Usage(format!(
             "--size {}x{}: needs {} MB, and {} MB of memory are free",
@@ -370,19 +368,26 @@ fn available_bytes() -> Option<u64> {
 fn encode(
     args: &RenderArgs,
     format: OutputFormat,
-    film: &Film,
+    picture: &Picture<'_>,
     facts: &PictureFacts,
 ) -> Result<Vec<u8>, CliError> {
-    let rgb8 = || Display::new(args.tone_map, args.exposure).show_all(&film.radiance());
+    let rgb8 = || Display::new(args.tone_map, args.exposure).show_all(&picture.radiance());
     let layers = if args.layers { ExrLayers::All } else { ExrLayers::Plain };
     Ok(match format {
-        OutputFormat::Exr => encode_exr(film, layers, facts)?,
-        OutputFormat::Png => png_small(&rgb8(), film.size())?,
-        OutputFormat::Jpeg => jpeg(&rgb8(), film.size(), JpegQuality::FILE)?,
+        OutputFormat::Exr => encode_exr(picture, layers, facts)?,
+        OutputFormat::Png => png_small(&rgb8(), picture.size())?,
+        OutputFormat::Jpeg => jpeg(&rgb8(), picture.size(), JpegQuality::FILE)?,
     })
 }
 
 fn report(args: &RenderArgs, statistics: &Statistics) -> Result<(), CliError> {
+    if statistics.stopped_by == StopReason::Best.name() {
+        eprintln!(
+            "warning: stopped above the error asked for: what is left is not noise but {}'s own error, which more time \
+             does not lower; --indirect auto goes on with path tracing",
+            statistics.technique
+        );
+    }
     let dropped = statistics.counts.dropped_samples;
     if dropped > 0 {
         eprintln!("warning: {dropped} samples were not finite or negative and count as black");

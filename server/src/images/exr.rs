@@ -10,7 +10,7 @@ use exr::prelude::{
     SmallVec, Text, WritableImage, read,
 };
 use lumicast_engine::{
-    film::{BadPictureSize, Film, PictureSize},
+    film::{BadPictureSize, Picture, PictureSize},
     math::Rgb,
     transport::PathClass,
 };
@@ -103,13 +103,17 @@ pub struct PictureFacts {
 }
 
 /// The bytes of an EXR file.
-pub fn encode_exr(film: &Film, layers: ExrLayers, facts: &PictureFacts) -> Result<Vec<u8>, EncodeError> {
-    let size = film.size();
+pub fn encode_exr(
+    picture: &Picture<'_>,
+    layers: ExrLayers,
+    facts: &PictureFacts,
+) -> Result<Vec<u8>, EncodeError> {
+    let size = picture.size();
     let fail = |reason: String| EncodeError::new("EXR", size, reason);
     let mut channels = SmallVec::new();
-    add_vectors(&mut channels, "", "RGB", film.radiance().iter().map(|colour| colour.to_array()));
+    add_vectors(&mut channels, "", "RGB", picture.radiance().iter().map(|colour| colour.to_array()));
     if layers == ExrLayers::All {
-        EXR_LAYERS.iter().for_each(|(name, layer, _)| add_layer(&mut channels, film, name, *layer));
+        EXR_LAYERS.iter().for_each(|(name, layer, _)| add_layer(&mut channels, picture, name, *layer));
     }
     let software = Text::from(concat!("lumicast ", env!("CARGO_PKG_VERSION")));
     let mut attributes = LayerAttributes { software_name: Some(software), ..LayerAttributes::default() };
@@ -128,18 +132,23 @@ pub fn encode_exr(film: &Film, layers: ExrLayers, facts: &PictureFacts) -> Resul
 
 type Channels = SmallVec<[AnyChannel<FlatSamples>; 4]>;
 
-fn add_layer(channels: &mut Channels, film: &Film, name: &str, layer: ExrLayer) {
+fn add_layer(channels: &mut Channels, picture: &Picture<'_>, name: &str, layer: ExrLayer) {
     let prefix = format!("{name}.");
     let colours = |image: Vec<Rgb>| image.into_iter().map(Rgb::to_array);
     match layer {
-        ExrLayer::Class(class) => add_vectors(channels, &prefix, "RGB", colours(film.layer(class))),
-        ExrLayer::Albedo => add_vectors(channels, &prefix, "RGB", colours(film.albedo())),
-        ExrLayer::Normal => {
-            add_vectors(channels, &prefix, "XYZ", film.normal().into_iter().map(|normal| normal.to_array()))
+        ExrLayer::Class(class) => add_vectors(channels, &prefix, "RGB", colours(picture.layer(class))),
+        ExrLayer::Albedo => add_vectors(channels, &prefix, "RGB", colours(picture.albedo())),
+        ExrLayer::Normal => add_vectors(
+            channels,
+            &prefix,
+            "XYZ",
+            picture.normal().into_iter().map(|normal| normal.to_array()),
+        ),
+        ExrLayer::Depth => {
+            add_vectors(channels, &prefix, "Z", picture.depth().into_iter().map(|depth| [depth]))
         }
-        ExrLayer::Depth => add_vectors(channels, &prefix, "Z", film.depth().into_iter().map(|depth| [depth])),
         ExrLayer::Variance => {
-            add_vectors(channels, &prefix, "Y", film.variance().into_iter().map(|variance| [variance]))
+            add_vectors(channels, &prefix, "Y", picture.variance().into_iter().map(|variance| [variance]))
         }
     }
 }
@@ -195,7 +204,7 @@ pub fn decode_exr(bytes: &[u8]) -> Result<(PictureSize, Vec<Rgb>), DecodeError> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lumicast_engine::film::PixelSample;
+    use lumicast_engine::film::{Film, PixelSample};
 
     /// A film whose every channel of every layer differs.
     fn film() -> Film {
@@ -232,7 +241,7 @@ mod tests {
     fn radiance_is_stored_in_full_precision() {
         let film = film();
         for layers in [ExrLayers::Plain, ExrLayers::All] {
-            let bytes = encode_exr(&film, layers, &facts()).unwrap();
+            let bytes = encode_exr(&Picture::of(&film), layers, &facts()).unwrap();
             assert_eq!(decode_exr(&bytes).unwrap(), (film.size(), film.radiance()));
         }
     }
@@ -241,7 +250,7 @@ mod tests {
     #[test]
     fn layers_are_those_of_the_table() {
         use exr::prelude::MetaData;
-        let bytes = encode_exr(&film(), ExrLayers::All, &facts()).unwrap();
+        let bytes = encode_exr(&Picture::of(&film()), ExrLayers::All, &facts()).unwrap();
         let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).unwrap();
         let names: Vec<String> =
             meta.headers[0].channels.list.iter().map(|channel| channel.name.to_string()).collect();
@@ -261,7 +270,7 @@ mod tests {
     #[test]
     fn facts_are_in_the_header() {
         use exr::prelude::{AttributeValue, MetaData};
-        let bytes = encode_exr(&film(), ExrLayers::Plain, &facts()).unwrap();
+        let bytes = encode_exr(&Picture::of(&film()), ExrLayers::Plain, &facts()).unwrap();
         let meta = MetaData::read_from_buffered(Cursor::new(&bytes), false).unwrap();
         let attributes = &meta.headers[0].own_attributes;
         let Some(AttributeValue::Text(json)) = attributes.other.get(&Text::from("lumicast")) else {
@@ -277,7 +286,7 @@ mod tests {
     /// The same film gives the same bytes.
     #[test]
     fn equal_films_are_equal_bytes() {
-        let encode = || encode_exr(&film(), ExrLayers::All, &facts()).unwrap();
+        let encode = || encode_exr(&Picture::of(&film()), ExrLayers::All, &facts()).unwrap();
         assert_eq!(encode(), encode());
     }
 }

@@ -41,16 +41,16 @@ pub(super) fn add(
     while rendering.passes() < passes {
         rendering.step(&never);
     }
-    let film = rendering.film();
+    let drawn = rendering.picture();
     let picture: Vec<Rgb> = if prepared.is_diffuse {
         // The reference's own direct light, so that the difference is that of the cache alone.
-        let cached = film.layer(PathClass::Indirect).into_iter().zip(film.layer(PathClass::Caustic));
+        let cached = drawn.layer(PathClass::Indirect).into_iter().zip(drawn.layer(PathClass::Caustic));
         cached
             .zip(&reference.direct)
             .map(|((indirect, caustic), direct)| indirect + caustic + *direct)
             .collect()
     } else {
-        film.radiance()
+        drawn.radiance()
     };
     let error = compare(&picture, &reference.full).map_err(|error| ReportError::Text {
         what: "the comparison with a reference",

@@ -215,7 +215,7 @@ fn one_bounce(prepared: &Prepared, size: PictureSize, passes: u32) -> (Vec<Rgb>,
         rendering.step(&never);
     }
     let noise = rendering.measured_error().map(|measured| measured.error() / f64::from(BLOCK));
-    (blocks(&rendering.film().radiance(), size), noise)
+    (blocks(&rendering.picture().radiance(), size), noise)
 }
 
 fn drawn(
@@ -230,7 +230,7 @@ fn drawn(
     while rendering.passes() < passes {
         rendering.step(&never);
     }
-    rendering.film().radiance()
+    rendering.picture().radiance()
 }
 
 /// Means of whole blocks, row by row.
@@ -302,7 +302,7 @@ impl Filling {
     fn cells(&self, subject: &Subject, elapsed: f64) -> Result<Cells, ReportError> {
         let error = match &self.prepared.reference {
             Some(reference) => {
-                let error = compare(&self.rendering.film().radiance(), &reference.full);
+                let error = compare(&self.rendering.picture().radiance(), &reference.full);
                 let error = error.map_err(|error| ReportError::Text {
                     what: "the comparison with a reference",
                     reason: format!("{}: {error}", subject.name),

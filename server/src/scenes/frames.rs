@@ -2,7 +2,7 @@
 
 use crate::convert;
 use crate::images::{self, EncodeError, JpegQuality};
-use lumicast_engine::film::{Display, Film};
+use lumicast_engine::film::{Display, Picture};
 use lumicast_protocol::{Codec, PayloadCodec, Quality};
 
 /// Packs the pictures of one viewer. Keeps the tables of its last exposure and tone map: making them takes longer than
@@ -26,11 +26,11 @@ impl Packer {
     /// The payload of a frame. Runs its parallel parts on the current rayon pool.
     pub(super) fn pack(
         &mut self,
-        film: &Film,
+        picture: &Picture<'_>,
         quality: &Quality,
         codec: PayloadCodec,
     ) -> Result<Vec<u8>, EncodeError> {
-        let radiance = film.radiance();
+        let radiance = picture.radiance();
         if codec == PayloadCodec::Float {
             return Ok(images::rgb_f32_le(&radiance));
         }
@@ -44,8 +44,8 @@ impl Packer {
         let Some((_, _, display)) = &self.display else { unreachable!() };
         let bytes = display.show_all(&radiance);
         match codec {
-            PayloadCodec::Png => images::png_fast(&bytes, film.size()),
-            _ => images::jpeg(&bytes, film.size(), JpegQuality::clamped(quality.jpeg_quality)),
+            PayloadCodec::Png => images::png_fast(&bytes, picture.size()),
+            _ => images::jpeg(&bytes, picture.size(), JpegQuality::clamped(quality.jpeg_quality)),
         }
     }
 }

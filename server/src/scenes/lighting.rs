@@ -5,7 +5,9 @@
 
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
-use lumicast_engine::render::{IlluminationSettings, Indirect, Learner, RenderSettings, Stage};
+use lumicast_engine::render::{
+    IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage,
+};
 use lumicast_engine::scene::{CameraView, SceneChange};
 use lumicast_engine::technique::{Edit, SecondaryLight};
 use lumicast_engine::transport::World;
@@ -71,7 +73,7 @@ impl LightChanges {
 /// What pictures that show the same light have in common.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub(super) struct LightKey {
-    pub(super) indirect: Indirect,
+    pub(super) learnt: Learnt,
     pub(super) bounces_max: Option<u32>,
 }
 
@@ -208,9 +210,12 @@ impl Lighting {
         self.lit.get(&key).is_some_and(|lit| lit.learner.stage() == Stage::Complete)
     }
 
-    /// What is known by now.
-    pub(super) fn known(&self, key: LightKey) -> Option<Arc<dyn SecondaryLight>> {
-        self.lit.get(&key)?.learner.known().cloned()
+    /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is
+    /// path-traced until these are known.
+    pub(super) fn known(&self, key: LightKey, indirect: Indirect) -> Option<Arc<dyn SecondaryLight>> {
+        let learner = &self.lit.get(&key)?.learner;
+        let is_wrong = indirect == Indirect::Auto && learner.knows_other_lights();
+        learner.known().filter(|_| !is_wrong).cloned()
     }
 
     /// Counts up when what is known becomes that of another scene.
@@ -225,9 +230,13 @@ impl Lighting {
 }
 
 fn learner_of(key: LightKey, workshop: &Workshop) -> Option<Learner> {
-    let LightKey { indirect, bounces_max } = key;
-    let settings =
-        RenderSettings { indirect, bounces_max, seed: workshop.config.seed, ..RenderSettings::default() };
+    let LightKey { learnt, bounces_max } = key;
+    let indirect = match learnt {
+        Learnt::Octree => Indirect::Octree,
+        Learnt::Records => Indirect::Irradiance,
+    };
+    let learning = Learning::Alongside { until: None };
+    let settings = RenderSettings { indirect, bounces_max, seed: workshop.config.seed, learning };
     let mut of = IlluminationSettings::of(&settings);
     of.photons.emitted_count = workshop.config.photons;
     of.octree.depth = workshop.config.octree_depth;

@@ -17,7 +17,7 @@ use super::viewer_film::{
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::{Outdated, PictureSize};
-use lumicast_engine::render::{Learning, RenderSettings, Rendering};
+use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
@@ -125,11 +125,11 @@ impl Painter {
             let generation = self.lighting.generation(light);
             let epoch = self.lighting.epoch(light);
             let is_same_scene = film.light_epoch == epoch;
-            if film.light_generation == generation || (film.is_at_rest && is_same_scene) {
+            if film.light_generation == generation || (film.rests_at.is_some() && is_same_scene) {
                 continue;
             }
-            let known = self.lighting.known(light);
-            (film.light_generation, film.light_epoch, film.is_at_rest) = (generation, epoch, false);
+            let known = self.lighting.known(light, film.key.indirect);
+            (film.light_generation, film.light_epoch, film.rests_at) = (generation, epoch, None);
             let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
             film.measured = None;
             film.offer_at_passes = 0;
@@ -322,7 +322,7 @@ impl Painter {
         }
         let budget = self.quick_pass(active);
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
-        film.divisor_min = self.finest_divisor(key.full);
+        film.divisor_min = self.finest_divisor(key.indirect, key.full);
         film.light_generation = key.light().map_or(0, |light| self.lighting.generation(light));
         film.light_epoch = key.light().map_or(0, |light| self.lighting.epoch(light));
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
@@ -330,10 +330,10 @@ impl Painter {
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
                 let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
-                let (before, started) = (layer.rendering.film().sample_count(), Instant::now());
+                let (before, started) = (layer.rendering.sample_count(), Instant::now());
                 let complete =
                     self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
-                let samples = layer.rendering.film().sample_count() - before;
+                let samples = layer.rendering.sample_count() - before;
                 self.quick_speed.measure(samples, started.elapsed().as_secs_f64());
                 film.quick_divisor = divisor;
                 if complete {
@@ -351,13 +351,13 @@ impl Painter {
     }
 
     /// The finest divisor whose film fits into the memory that all films may take.
-    fn finest_divisor(&self, full: Size) -> u32 {
+    fn finest_divisor(&self, indirect: Indirect, full: Size) -> u32 {
         let config = &self.scene.workshop.config;
         let taken = self.scene.workshop.metrics.film_bytes.value();
         let limit = i64::try_from(config.film_bytes).unwrap_or(i64::MAX);
         let fits = |divisor: &u32| {
             let [width, height] = scaled(full, *divisor);
-            taken.saturating_add(film_bytes(usize::from(width) * usize::from(height))) <= limit
+            taken.saturating_add(film_bytes(indirect, usize::from(width) * usize::from(height))) <= limit
         };
         rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
     }
@@ -380,17 +380,25 @@ impl Painter {
         };
         let (world, view) = (snapshot.world.clone(), film.key.view);
         let rendering = match film.key.light() {
-            Some(light) => Rendering::with(world, view, picture, settings, self.lighting.known(light)),
+            Some(light) => {
+                Rendering::with(world, view, picture, settings, self.lighting.known(light, wish.indirect))
+            }
             None => Rendering::new(world, view, picture, settings),
         };
-        Ok(Layer { rendering, divisor, size, _memory: FilmMemory::of(&self.scene.workshop, picture) })
+        Ok(Layer {
+            rendering,
+            divisor,
+            size,
+            _memory: FilmMemory::of(&self.scene.workshop, wish.indirect, picture),
+        })
     }
 
     /// One more pass of the present film, or of the next rung's.
     fn refine(&mut self, viewer: &Viewer, film: &mut ViewerFilm, wish: &Wish, snapshot: &Snapshot, cut: Cut) {
         let Some(mut layer) = film.layer.take() else { return };
         // Others may have taken memory since the first pass.
-        film.divisor_min = film.divisor_min.max(self.finest_divisor(film.key.full)).min(layer.divisor);
+        film.divisor_min =
+            film.divisor_min.max(self.finest_divisor(film.key.indirect, film.key.full)).min(layer.divisor);
         if layer.divisor > film.divisor_min {
             let divisor = film.climb.take().map_or_else(
                 || {
@@ -457,7 +465,7 @@ impl Painter {
         }
         drop(board);
         let metrics = &self.scene.workshop.metrics;
-        let (samples_before, counts_before) = (rendering.film().sample_count(), rendering.counts());
+        let (samples_before, counts_before) = (rendering.sample_count(), rendering.counts());
         let started = Instant::now();
         self.alarm.set(cut.after.map(|after| started + after));
         let scene = &self.scene;
@@ -465,7 +473,7 @@ impl Painter {
         self.alarm.set(None);
         self.scene.interruptible.store(false, SeqCst);
         let seconds = started.elapsed().as_secs_f64();
-        let samples = rendering.film().sample_count() - samples_before;
+        let samples = rendering.sample_count() - samples_before;
         let counts = rendering.counts();
         if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
         metrics.samples.add(samples);
@@ -484,7 +492,7 @@ impl Painter {
         let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
         let converged = film.has_converged(layer, wish, rest);
-        film.is_at_rest = converged && film.is_lit_by_the_scene();
+        film.rests_at = (converged && film.is_lit_by_the_scene()).then_some(wish.target_error);
         let codec = frames::codec(wish.quality.codec, converged);
         film.offer_at_passes = next_offer_after(passes);
         // Even if packing fails: it would fail again at once.
@@ -495,8 +503,8 @@ impl Painter {
             converged,
             at: Instant::now(),
         });
-        let (packer, picture) = (&mut film.packer, rendering.film());
-        let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(picture, &wish.quality, codec));
+        let (packer, picture) = (&mut film.packer, rendering.picture());
+        let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(&picture, &wish.quality, codec));
         let payload = match packed {
             Ok(payload) => payload,
             Err(error) => {

@@ -145,7 +145,7 @@ impl Drawing {
     pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
         let config = &workshop.config;
         let settings =
-            RenderSettings { indirect: Indirect::Auto, seed: config.seed, ..RenderSettings::default() };
+            RenderSettings { indirect: Indirect::Path, seed: config.seed, ..RenderSettings::default() };
         let seconds = match job.request.until {
             Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
             Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
@@ -153,7 +153,7 @@ impl Drawing {
         let started = Instant::now();
         Drawing {
             rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
-            memory: super::viewer_film::FilmMemory::of(workshop, job.size),
+            memory: super::viewer_film::FilmMemory::of(workshop, Indirect::Path, job.size),
             started,
             measure_at: 2,
             error: None,
@@ -196,11 +196,11 @@ impl Drawing {
     /// Packs and answers; takes up to a second for a large EXR, so not on the render thread.
     pub(super) fn finish(self) {
         let Drawing { job, rendering, started, seed, memory: _memory, .. } = self;
-        let film = rendering.film();
+        let picture = rendering.picture();
         let measured = rendering.measured_error();
         let error = measured.map(|measured| measured.error());
         let request = &job.request;
-        let shown = || Display::new(request.tone_map, request.exposure_ev).show_all(&film.radiance());
+        let shown = || Display::new(request.tone_map, request.exposure_ev).show_all(&picture.radiance());
         let seconds = started.elapsed().as_secs_f64();
         let bytes = match request.format {
             PictureFormat::Png => images::png_small(&shown(), job.size),
@@ -210,12 +210,12 @@ impl Drawing {
                     revision: job.snapshot.revision,
                     seed,
                     samples_per_pixel: rendering.passes(),
-                    technique: rendering.card().name,
+                    technique: rendering.technique_name(),
                     error,
                     error_ci: measured.map(|measured| measured.error_interval_95()),
                     seconds: Some(seconds),
                 };
-                images::encode_exr(film, ExrLayers::Plain, &facts)
+                images::encode_exr(&picture, ExrLayers::Plain, &facts)
             }
         };
         let revision = job.snapshot.revision;

@@ -18,8 +18,8 @@ use std::time::Instant;
 const PASSES_BELIEVED: u32 = 8;
 /// A picture still black all over after so many passes is taken as black: its error cannot be measured.
 const PASSES_BLACK: u32 = 256;
-/// Passes at which a picture rests whose error nobody measures.
-const PASSES_UNMEASURED: u32 = 256;
+/// Passes after which a picture rests whose error is not noise: more would change nothing that is seen.
+const PASSES_BIASED: u32 = 256;
 /// A refined picture is sent when it has this share of passes more than the last one: the eye sees no smaller step.
 const PASSES_GROWTH: f64 = 0.25;
 /// Or when so much time has gone by, so that a viewer sees that something goes on.
@@ -41,7 +41,8 @@ impl FilmKey {
     /// What is known of the scene's light it shows, if any.
     pub(super) fn light(&self) -> Option<LightKey> {
         let FilmKey { indirect, bounces_max, .. } = *self;
-        indirect.is_learnt().then_some(LightKey { indirect, bounces_max })
+        let learnt = indirect.learns(bounces_max)?;
+        Some(LightKey { learnt, bounces_max })
     }
 }
 
@@ -52,13 +53,14 @@ pub(super) struct FilmMemory {
     bytes: i64,
 }
 
-pub(super) fn film_bytes(pixels: usize) -> i64 {
-    (pixels * Film::BYTES_PER_PIXEL) as i64
+/// Of the films of one picture.
+pub(super) fn film_bytes(indirect: Indirect, pixels: usize) -> i64 {
+    (indirect.film_count() * pixels * Film::BYTES_PER_PIXEL) as i64
 }
 
 impl FilmMemory {
-    pub(super) fn of(workshop: &Arc<Workshop>, size: PictureSize) -> FilmMemory {
-        let bytes = film_bytes(size.pixel_count());
+    pub(super) fn of(workshop: &Arc<Workshop>, indirect: Indirect, size: PictureSize) -> FilmMemory {
+        let bytes = film_bytes(indirect, size.pixel_count());
         workshop.metrics.film_bytes.add(bytes);
         FilmMemory { workshop: workshop.clone(), bytes }
     }
@@ -110,8 +112,9 @@ pub(super) struct ViewerFilm {
     pub(super) light_generation: u64,
     /// Of which scene that is.
     pub(super) light_epoch: u64,
-    /// It has converged with what was known of the light: what others make known by looking elsewhere does not wake it.
-    pub(super) is_at_rest: bool,
+    /// It has converged to this error with what was known of the light: what others make known by looking elsewhere does not
+    /// wake it.
+    pub(super) rests_at: Option<f64>,
     pub(super) measured: Option<MeasuredError>,
     pub(super) packer: Packer,
     pub(super) speed: Speed,
@@ -159,7 +162,7 @@ impl ViewerFilm {
             offer_at_passes: 0,
             light_generation: 0,
             light_epoch: 0,
-            is_at_rest: false,
+            rests_at: None,
             measured: None,
             packer: Packer::default(),
             speed,
@@ -175,7 +178,7 @@ impl ViewerFilm {
         self.climb = None;
         self.offer_at_passes = 0;
         self.measured = None;
-        self.is_at_rest = false;
+        self.rests_at = None;
     }
 
     /// It shows what is known of the scene's light, for all viewers alike.
@@ -202,12 +205,13 @@ impl ViewerFilm {
 
     pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
+        let is_biased = self.is_lit_by_the_scene() && self.key.indirect != Indirect::Auto;
         let reached = match self.measured {
-            Some(measured) => passes >= PASSES_BELIEVED && measured.error() <= wish.target_error,
-            None if self.is_lit_by_the_scene() => passes >= PASSES_UNMEASURED,
+            Some(measured) if passes >= PASSES_BELIEVED && measured.reaches(wish.target_error) => true,
+            Some(_) => is_biased && passes >= PASSES_BIASED,
             None => passes >= PASSES_BLACK,
         };
-        self.is_at_rest
+        self.rests_at.is_some_and(|error| wish.target_error >= error)
             || layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
     }
 

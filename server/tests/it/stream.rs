@@ -352,7 +352,7 @@ async fn viewers_look_through_what_the_scene_learns() {
     }
     for viewer in &mut viewers {
         let (header, _) = viewer.frame_where(|header| header.camera_stamp == 7 && header.converged).await;
-        assert_eq!(header.error, None, "the error of what is looked up is not measured");
+        assert!(header.error.is_some_and(|error| error > 0.0), "{:?}", header.error);
     }
     for (emission, is_lit) in [([300, 300, 0], true), ([0, 0, 0], false)] {
         let edit = json!([{"op": "set_material", "material": "lamp", "emission": emission}]);

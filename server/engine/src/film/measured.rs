@@ -2,11 +2,16 @@
 
 use rayon::prelude::*;
 
-use super::{Film, error::trimmed_mean, pixel::Pixel};
+use super::{Film, PictureSize, error::trimmed_mean, pixel::Pixel};
+use crate::math::{
+    Rgb,
+    statistics::{cut_normal_mean, cut_normal_quantile},
+};
 
-/// Error of the picture shown, estimated from its two independent halves.
+/// Error of the picture shown, estimated without knowing the truth.
 ///
-/// The squared error e² of each pixel's mean is estimated without bias (`Pixel::squared_error_of_mean`) and
+/// The squared error e² of each pixel is estimated without bias, for noise from two independent halves of a film
+/// (`Pixel::squared_error_of_mean`), for all error from two independent estimates of the truth ([`GaugedPixel`]), and
 /// weighted as in the contract: relMSE ≈ mean over pixels and channels of e² / (m² + 0.01·m̄²), with m in the
 /// place of the unknown reference.
 ///
@@ -14,21 +19,48 @@ use super::{Film, error::trimmed_mean, pixel::Pixel};
 /// it is large whenever its error is, so that at 16 samples the picture of a glass sphere with a true error of
 /// 92 % read 17 % (64 samples: 47 % read 15 %); with its neighbours 98 % and 47 %. What remains is the
 /// picture's own detail, which neighbours blur: on six scenes at 16 and 64 samples the figure was between 5 % of
-/// itself too small and 8 % too large. It sees noise, not bias: right for unbiased techniques.
+/// itself too small and 8 % too large.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeasuredError {
     /// Estimate of relMSE.
     pub rel_mse: f64,
     /// 95 % confidence interval of `rel_mse`: chance (the spread over the pixels) and the uncertain weights.
     pub interval_95: [f64; 2],
-    /// `rel_mse` without the worst 0.1 % of pixels.
-    pub trimmed: f64,
+    /// `rel_mse` without the worst 0.1 % of pixels; `None` where too few pixels were looked at to say.
+    pub trimmed: Option<f64>,
+}
+
+/// What path tracing says of one pixel, twice and independently of the picture and of each other: with d the value shown and
+/// x₁, x₂ the two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaugedPixel {
+    /// Place in the picture, row by row.
+    pub index: usize,
+    /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
+    pub weight: f64,
+    /// x₁ and x₂, W/(m² sr).
+    pub halves: [[f64; 3]; 2],
 }
 
 impl MeasuredError {
     /// What people are shown: √relMSE, a share (0.01 = 1 %).
     pub fn error(&self) -> f64 {
         self.rel_mse.sqrt()
+    }
+
+    /// Whether a picture with this measure is as good as `target` (√relMSE): by the estimate, and surely not a tenth worse.
+    pub fn reaches(&self, target: f64) -> bool {
+        let [_, high] = self.error_interval_95();
+        self.error() <= target && high <= SURENESS * target
+    }
+
+    /// The less doubtful of two measures of one picture.
+    pub fn surer(self, other: MeasuredError) -> MeasuredError {
+        let doubt = |error: &MeasuredError| {
+            let [low, high] = error.interval_95;
+            (high - low) / error.rel_mse.max(f64::MIN_POSITIVE)
+        };
+        if doubt(&other) < doubt(&self) { other } else { self }
     }
 
     /// Interval of [`MeasuredError::error`].
@@ -41,55 +73,119 @@ impl MeasuredError {
 /// been found yet.
 const BLACK_PASSES: u32 = 64;
 
-/// `None` when a tile has fewer than two passes, or all is black and it has fewer than [`BLACK_PASSES`].
+/// The noise of a film. `None` when the halves of a tile hold fewer than two passes, or all is black and they hold fewer than
+/// [`BLACK_PASSES`].
 pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
-    if film.passes_min() < 2 {
+    let passes = film.halves_passes_min();
+    if passes < 2 {
         return None;
     }
     let shown = film.image([0.0; 3], Pixel::total_mean);
-    let squared = film.image([0.0; 3], |pixel, held| pixel.squared_error_of_mean(held.passes));
+    let squared = film.image([0.0; 3], Pixel::squared_error_of_mean);
     let mean = shown.iter().flatten().sum::<f64>() / (3 * shown.len()) as f64;
     if mean <= 0.0 {
-        let none = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: 0.0 };
-        return (film.passes_min() >= BLACK_PASSES).then_some(none);
+        let none = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: Some(0.0) };
+        return (passes >= BLACK_PASSES).then_some(none);
     }
-    let floor = 0.01 * mean * mean;
     let around = neighbourhood_mean(&shown, film.size().width() as usize);
     // Sums are taken in one order, one after the other: the figure does not depend on the threads.
-    let mut errors: Vec<f64> = squared
-        .par_iter()
-        .zip(&around)
-        .map(|(squared, around)| {
-            squared.iter().zip(around).map(|(e, m)| e / (m * m + floor)).sum::<f64>() / 3.0
+    let errors: Vec<f64> =
+        squared.par_iter().zip(&around).map(|(squared, around)| relative(*squared, *around, mean)).collect();
+    let trimmed = trimmed_mean(&mut errors.clone());
+    Some(MeasuredError { trimmed: Some(trimmed), ..of_pixels(&errors) })
+}
+
+/// Squared error of a pixel over what stands for the square of the truth there, mean over the channels.
+///
+/// - `around`: mean radiance around the pixel
+/// - `mean`: that of the picture, more than zero
+pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
+    let floor = 0.01 * mean * mean;
+    squared.iter().zip(around).map(|(e, m)| e / (m * m + floor)).sum::<f64>() / 3.0
+}
+
+/// The error of a picture from the relative squared errors of some or all of its pixels.
+///
+/// The mean of estimates that need not be positive may be next to nothing, or less, by chance. What is then known is that the
+/// error is not negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
+pub(super) fn of_pixels(errors: &[f64]) -> MeasuredError {
+    let (mean, standard_error) = mean_and_standard_error(errors);
+    let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean);
+    if Z * deviation < mean || deviation <= 0.0 {
+        let rel_mse = mean.max(0.0);
+        return MeasuredError { rel_mse, interval_95: interval_95(rel_mse, deviation), trimmed: None };
+    }
+    // Farther below zero than this no normal distribution comes by chance.
+    let z = (mean / deviation).max(-3.0);
+    let [rel_mse, high] = [cut_normal_mean(z), cut_normal_quantile(z, 0.975)].map(|value| value * deviation);
+    MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
+}
+
+/// The error of `image` (`[h × w]`, W/(m² sr)), bias included, by what is known of the truth at some of its pixels; `None`
+/// below two of them and for pictures that are black all over.
+pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<MeasuredError> {
+    let sum = |total: f64, colour: &Rgb| total + colour.to_array().into_iter().map(f64::from).sum::<f64>();
+    let mean = image.iter().fold(0.0, sum) / (3 * image.len()) as f64;
+    if mean <= 0.0 || pixels.len() < 2 {
+        return None;
+    }
+    let errors: Vec<f64> = pixels
+        .iter()
+        .map(|pixel| {
+            let shown = image[pixel.index].to_array().map(f64::from);
+            let [a, b] = &pixel.halves;
+            let squared =
+                std::array::from_fn(|channel| (shown[channel] - a[channel]) * (shown[channel] - b[channel]));
+            pixel.weight * relative(squared, mean_around(image, size, pixel.index), mean)
         })
         .collect();
-    let (rel_mse, standard_error) = mean_and_standard_error(&errors);
-    Some(MeasuredError {
-        rel_mse,
-        interval_95: interval_95(rel_mse, standard_error.hypot(WEIGHT_DEVIATION * rel_mse)),
-        trimmed: trimmed_mean(&mut errors),
-    })
+    Some(of_pixels(&errors))
+}
+
+/// The mean that [`neighbourhood_mean`] has for one pixel.
+fn mean_around(image: &[Rgb], size: PictureSize, index: usize) -> [f64; 3] {
+    let (width, height) = (size.width() as usize, size.height() as usize);
+    let (x, y) = (index % width, index / width);
+    let places = span(y, height).flat_map(|y| span(x, width).map(move |x| y * width + x));
+    let others: Vec<usize> = places.filter(|place| *place != index).collect();
+    let colour = |place: usize| image[place].to_array().map(f64::from);
+    if others.is_empty() {
+        return colour(index);
+    }
+    let sum = others.iter().fold([0.0; 3], |sum, place| added(sum, &colour(*place)));
+    sum.map(|channel| channel / others.len() as f64)
+}
+
+/// Places at most [`REACH`] from `at`, of 0 … `end` − 1.
+fn span(at: usize, end: usize) -> std::ops::Range<usize> {
+    at.saturating_sub(REACH)..(at + REACH + 1).min(end)
+}
+
+fn added(sum: [f64; 3], value: &[f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|channel| sum[channel] + value[channel])
 }
 
 /// Standard deviation of the estimate by its weights, relative: that of the twelve measurements above (3.4 % of the
 /// error is 7 % of its square).
 const WEIGHT_DEVIATION: f64 = 0.07;
+/// How far above the error asked for the true one may be.
+const SURENESS: f64 = 1.1;
+/// 97.5 % quantile of the normal distribution.
+const Z: f64 = 1.959_964;
 /// Pixels to either side that count as neighbours. With 1 the weights are still noisy (the glass sphere at 16 samples
 /// reads 103 %); more than 2 blurs detail (of 3, 5, 7 and 11 pixels side length, 5 came nearest on nine scenes).
 const REACH: usize = 2;
 
 /// Mean of the pixels at most [`REACH`] away, without the pixel itself; itself where it has no neighbour.
 /// `image`: `[h × width]`.
-fn neighbourhood_mean(image: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
+pub(super) fn neighbourhood_mean(image: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
     let height = image.len() / width;
-    let span = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
-    let add = |sum: [f64; 3], value: &[f64; 3]| std::array::from_fn(|channel| sum[channel] + value[channel]);
     // First along rows, then along columns: ten additions a pixel instead of 24.
     let across: Vec<[f64; 3]> = (0..image.len())
         .into_par_iter()
         .map(|index| {
             let row = index - index % width;
-            image[row..][span(index % width, width)].iter().fold([0.0; 3], add)
+            image[row..][span(index % width, width)].iter().fold([0.0; 3], added)
         })
         .collect();
     let around = |index: usize| {
@@ -98,7 +194,7 @@ fn neighbourhood_mean(image: &[[f64; 3]], width: usize) -> Vec<[f64; 3]> {
         if count == 0 {
             return image[index];
         }
-        let sum = span(y, height).map(|row| &across[row * width + x]).fold([0.0; 3], add);
+        let sum = span(y, height).map(|row| &across[row * width + x]).fold([0.0; 3], added);
         // Rounding may leave less than nothing of black neighbours around a bright pixel.
         std::array::from_fn(|channel| ((sum[channel] - image[index][channel]) / count as f64).max(0.0))
     };
@@ -117,8 +213,6 @@ fn mean_and_standard_error(errors: &[f64]) -> (f64, f64) {
 /// Symmetric in the logarithm: the errors are squares, skewed to the right, and never below zero.
 /// By the delta method the logarithm of the mean has the standard error s/mean.
 fn interval_95(mean: f64, standard_error: f64) -> [f64; 2] {
-    // 97.5 % quantile of the normal distribution.
-    const Z: f64 = 1.959_964;
     if mean <= 0.0 {
         return [0.0, 0.0];
     }

@@ -2,13 +2,14 @@
 //!
 //! A film is a row of [`Tile`]s that techniques fill in parallel, one pass (one sample per pixel) at a time.
 //! Out of it come the picture, its layers by path class, the first hit's albedo, normal and depth, the
-//! variance per pixel and the measured error. `error.rs` is the metric of the contract against a reference,
-//! `tone_map.rs` turns radiance into what a screen shows.
+//! variance per pixel and the measured error. `picture.rs` blends a film of looked-up light with one that is path-traced,
+//! `error.rs` is the metric of the contract against a reference, `tone_map.rs` turns radiance into what a screen shows.
 //! Imports `math`, `scene` and `transport` only. The tiling and the separation of sums from display follow
 //! pbrt's film; the two independent halves are those of [Rousselle2012].
 
 mod error;
 mod measured;
+mod picture;
 mod pixel;
 mod tile;
 mod tone_map;
@@ -18,7 +19,8 @@ use crate::transport::PathClass;
 use glam::Vec3;
 
 pub use error::{CompareError, ImageError, compare};
-pub use measured::MeasuredError;
+pub use measured::{GaugedPixel, MeasuredError, measure_at};
+pub use picture::Picture;
 pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
@@ -198,11 +200,22 @@ impl Film {
     /// passes anywhere and below 64 of a picture that is black all over. Takes some 0.1 µs a pixel:
     /// ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
-        if self.tiles.iter().any(|tile| tile.held().forgotten > 0) {
-            // The halves hold what the picture does not show any more.
+        if self.tiles.iter().any(|tile| tile.held().before_halves > 0) {
+            // The picture holds what its halves do not.
             return None;
         }
         measured::measure(self)
+    }
+
+    /// The noise of what was sampled since the light that comes by way of other surfaces was last replaced, as relMSE, and
+    /// over how many passes; `None` below two.
+    pub fn noise(&self) -> Option<(f64, u32)> {
+        Some((measured::measure(self)?.rel_mse, self.halves_passes_min()))
+    }
+
+    fn halves_passes_min(&self) -> u32 {
+        let of_tile = |tile: &Tile| tile.held().passes - tile.held().before_halves;
+        self.tiles.iter().map(of_tile).min().unwrap_or(0)
     }
 
     /// One value per pixel, from tiles to rows; `empty` where no pass has run.

@@ -53,6 +53,8 @@ pub(super) struct Held {
     pub(super) passes: u32,
     /// Those whose secondary light was forgotten.
     pub(super) forgotten: u32,
+    /// Those that came before the halves were begun anew.
+    pub(super) before_halves: u32,
 }
 
 impl Held {
@@ -62,6 +64,12 @@ impl Held {
             PathClass::Emitted | PathClass::Direct => self.passes,
             PathClass::Caustic | PathClass::Indirect => self.passes - self.forgotten,
         }
+    }
+
+    /// Passes in the halves, even and odd ones.
+    fn halves(self) -> [u32; 2] {
+        let odd = self.passes / 2 - self.before_halves / 2;
+        [self.passes - self.before_halves - odd, odd]
     }
 
     fn after_one_more(self) -> Held {
@@ -74,7 +82,7 @@ impl Held {
 pub(super) struct Pixel {
     /// Σ radiance by class and channel.
     radiance_sum: [[f64; 3]; PathClass::COUNT],
-    /// ΣA − ΣB by channel: the total radiance of even passes less that of odd passes.
+    /// ΣA − ΣB by channel: the total radiance of even passes less that of odd passes, since the halves were begun.
     half_difference: [f64; 3],
     /// Σ (luminance − mean)², running [Welford1962].
     squared_deviation_sum: f64,
@@ -109,8 +117,9 @@ impl Pixel {
         }
     }
 
-    /// Scales the sums of the light that comes by way of other surfaces.
+    /// Scales the sums of the light that comes by way of other surfaces, and begins the halves anew.
     pub(super) fn scale_secondary(&mut self, share: f64) {
+        self.half_difference = [0.0; 3];
         for class in [PathClass::Caustic, PathClass::Indirect] {
             self.radiance_sum[class as usize].iter_mut().for_each(|sum| *sum *= share);
         }
@@ -163,24 +172,22 @@ impl Pixel {
         if passes < 2 { 0.0 } else { self.squared_deviation_sum / (n - 1.0) / n }
     }
 
-    /// Unbiased estimate, per channel, of the squared error of the mean of n = `passes` ≥ 2 passes.
+    /// Unbiased estimate, per channel, of the squared error of the mean of the n ≥ 2 passes that the halves hold, as far as it is
+    /// noise; infinite below two.
     ///
-    /// Halves A and B hold a = ⌈n/2⌉ and b = ⌊n/2⌋ passes, are independent and have one expectation μ.
-    /// The mean shown is M = (a·Ā + b·B̄)/n, so Var M = (a² Var Ā + b² Var B̄)/n².
+    /// Halves A and B hold a = ⌈n/2⌉ and b = ⌊n/2⌋ passes (or the other way round), are independent and have one expectation μ.
+    /// The mean is M = (a·Ā + b·B̄)/n, so Var M = (a² Var Ā + b² Var B̄)/n².
     /// - n even, a = b: Var M = (Var Ā + Var B̄)/4 = E[((Ā−B̄)/2)²], whatever the spread within a half is
     ///   (stratified passes included).
     /// - n odd: with Var Ā = σ²/a and Var B̄ = σ²/b, Var M = σ²/n and E[(Ā−B̄)²] = σ²·n/(a·b), hence
     ///   Var M = (a·b/n²)·E[(Ā−B̄)²]; for a = b this is the line above.
-    pub(super) fn squared_error_of_mean(&self, passes: u32) -> [f64; 3] {
-        let n = f64::from(passes);
-        let b = f64::from(passes / 2);
-        let a = n - b;
-        let total = self.total_sum();
-        std::array::from_fn(|channel_index| {
-            let (sum, difference) = (total[channel_index], self.half_difference[channel_index]);
-            let mean_a = (sum + difference) / 2.0 / a;
-            let mean_b = (sum - difference) / 2.0 / b;
-            a * b / (n * n) * (mean_a - mean_b).powi(2)
+    ///
+    /// What is kept is D = a·Ā − b·B̄; as D − (a−b)·M = 2ab/n·(Ā−B̄), the estimate is (D − (a−b)·M)²/(4ab).
+    pub(super) fn squared_error_of_mean(&self, held: Held) -> [f64; 3] {
+        let [a, b] = held.halves().map(f64::from);
+        let mean = self.total_mean(held);
+        std::array::from_fn(|channel| {
+            (self.half_difference[channel] - (a - b) * mean[channel]).powi(2) / (4.0 * a * b)
         })
     }
 }

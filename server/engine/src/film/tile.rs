@@ -20,6 +20,8 @@ pub struct Tile {
     passes: u32,
     /// Passes whose secondary light is forgotten: as many fewer do its sums stand for.
     forgotten: u32,
+    /// Passes before the halves were begun anew.
+    before_halves: u32,
     /// The next pass brings better secondary light; what is there counts for so many passes at most from then on.
     outdated: Option<u32>,
     dropped_samples: u64,
@@ -32,7 +34,16 @@ impl Tile {
         let origin = UVec2::new(x, y);
         let size = (UVec2::new(picture.width(), picture.height()) - origin).min(UVec2::splat(TILE_SIDE));
         let pixels = vec![Pixel::default(); (size.x * size.y) as usize];
-        Tile { origin, size, passes: 0, forgotten: 0, outdated: None, dropped_samples: 0, pixels }
+        Tile {
+            origin,
+            size,
+            passes: 0,
+            forgotten: 0,
+            before_halves: 0,
+            outdated: None,
+            dropped_samples: 0,
+            pixels,
+        }
     }
 
     /// Top left pixel in the picture.
@@ -52,7 +63,7 @@ impl Tile {
 
     /// How many passes the sums of each kind of light hold.
     pub(super) fn held(&self) -> Held {
-        Held { passes: self.passes, forgotten: self.forgotten }
+        Held { passes: self.passes, forgotten: self.forgotten, before_halves: self.before_halves }
     }
 
     /// Marks the secondary light for replacement by that of the passes to come: until the next it stays as it is.
@@ -70,6 +81,7 @@ impl Tile {
             let share = f64::from(kept) / f64::from(held);
             self.pixels.iter_mut().for_each(|pixel| pixel.scale_secondary(share));
             self.forgotten = self.passes - kept;
+            self.before_halves = self.passes;
         }
     }
 

@@ -7,7 +7,7 @@ mod frame;
 pub mod octahedral;
 mod rgb;
 pub mod sobol;
-mod statistics;
+pub mod statistics;
 pub mod warp;
 
 pub use float::{next_float_down, next_float_up};

@@ -38,6 +38,32 @@ impl RunningStatistics {
     }
 }
 
+/// Distribution function of the standard normal distribution, right to 2·10⁻⁷ [Abramowitz1964, 7.1.26].
+fn normal_cdf(x: f64) -> f64 {
+    const A: [f64; 5] = [0.254_829_592, -0.284_496_736, 1.421_413_741, -1.453_152_027, 1.061_405_429];
+    let t = 1.0 / (1.0 + 0.327_591_1 * x.abs() / std::f64::consts::SQRT_2);
+    let tail = 0.5 * t * A.iter().rev().fold(0.0, |sum, a| sum * t + a) * (-x * x / 2.0).exp();
+    if x < 0.0 { tail } else { 1.0 - tail }
+}
+
+/// Mean of the normal distribution with mean `z` ≥ −3 and deviation 1 of which only what is positive is kept.
+pub fn cut_normal_mean(z: f64) -> f64 {
+    let density = (-z * z / 2.0).exp() / (2.0 * std::f64::consts::PI).sqrt();
+    z + density / normal_cdf(z)
+}
+
+/// Below this lies a share of that distribution.
+pub fn cut_normal_quantile(z: f64, share: f64) -> f64 {
+    let [mut low, mut high] = [0.0, z.max(0.0) + 8.0];
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        // What is kept and lies above.
+        let above = normal_cdf(z - middle) / normal_cdf(z);
+        if above > 1.0 - share { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -52,5 +78,21 @@ mod tests {
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 7.0;
         assert!((statistics.mean() - mean).abs() < 1e-12);
         assert!((statistics.variance() - variance).abs() < 1e-12);
+    }
+
+    /// The cut normal distribution has the textbook's mean and quantiles, and those of the whole one far from the cut.
+    #[test]
+    fn the_cut_normal_distribution_is_right() {
+        let half_normal = (2.0 / std::f64::consts::PI).sqrt();
+        assert!((cut_normal_mean(0.0) - half_normal).abs() < 1e-6);
+        assert!((cut_normal_mean(8.0) - 8.0).abs() < 1e-6);
+        // 95 % of a half-normal distribution lie below 1.959964.
+        assert!((cut_normal_quantile(0.0, 0.95) - 1.959_964).abs() < 1e-4);
+        assert!((cut_normal_quantile(8.0, 0.975) - 9.959_964).abs() < 1e-4);
+        // Far below the cut it is nearly exponential: mean 1/3 less a little.
+        assert!((cut_normal_mean(-3.0) - 0.283_1).abs() < 1e-3, "{}", cut_normal_mean(-3.0));
+        for z in [-3.0, -1.0, 0.0, 1.5] {
+            assert!(cut_normal_quantile(z, 0.975) > cut_normal_mean(z));
+        }
     }
 }

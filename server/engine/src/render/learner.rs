@@ -6,7 +6,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage};
+use super::{Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage};
 use crate::{
     film::PictureSize,
     scene::CameraView,
@@ -16,7 +16,7 @@ use crate::{
         path::{PathClasses, PathSettings, PathTracer},
         photons::ProbeCounts,
     },
-    transport::World,
+    transport::{Source, World},
 };
 
 /// Photons of other techniques for each that records of irradiance are gathered from: a record takes the mean over hundreds
@@ -45,6 +45,8 @@ pub struct Learner {
     epoch: u64,
     /// What is known is of the scene before an edit, or nothing yet.
     is_stale: bool,
+    /// It is of other lights as well.
+    is_of_other_lights: bool,
     /// How often light was gathered for what is shown.
     shown_count: u64,
     /// Records of what is shown.
@@ -60,16 +62,17 @@ impl Learner {
     ///
     /// - `of`: photons and octree where light is looked up in the octree; records of irradiance are gathered from fewer
     pub fn new(settings: &RenderSettings, of: IlluminationSettings) -> Option<Learner> {
-        let illumination = match settings.indirect {
-            Indirect::Octree => Some(of),
-            Indirect::Irradiance if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
-            Indirect::Irradiance => {
+        let mut of = of;
+        of.irradiance.is_paced = matches!(settings.learning, Learning::Alongside { .. });
+        let illumination = match settings.learns()? {
+            Learnt::Octree => Some(of),
+            Learnt::Records if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
+            Learnt::Records => {
                 let mut of = of;
                 of.photons.emitted_count = (of.photons.emitted_count / PHOTON_DIVISOR).max(1);
                 of.octree.photon_count = (of.octree.photon_count / PHOTON_DIVISOR).max(1);
                 Some(of)
             }
-            Indirect::Auto | Indirect::Path | Indirect::None => return None,
         };
         Some(Learner {
             settings: *settings,
@@ -81,6 +84,7 @@ impl Learner {
             generation: 0,
             epoch: 0,
             is_stale: true,
+            is_of_other_lights: false,
             shown_count: 0,
             shown_records: 0,
             gaze_count: 0,
@@ -109,7 +113,7 @@ impl Learner {
     /// How far it has got, for all who look.
     pub fn stage(&self) -> Stage {
         let Some(illumination) = &self.illumination else { return Stage::Complete };
-        if self.settings.indirect != Indirect::Irradiance || illumination.stage() != Stage::Complete {
+        if self.settings.learns() != Some(Learnt::Records) || illumination.stage() != Stage::Complete {
             return illumination.stage();
         }
         match &self.records {
@@ -130,6 +134,7 @@ impl Learner {
                 self.known = illumination.known().cloned();
                 self.generation += 1;
                 self.epoch += u64::from(std::mem::take(&mut self.is_stale));
+                self.is_of_other_lights = false;
             }
             return is_better;
         }
@@ -183,6 +188,7 @@ impl Learner {
             self.generation += 1;
         }
         self.is_stale = illumination.stage() != Stage::Complete;
+        self.is_of_other_lights = self.is_stale && (self.is_of_other_lights || !have_same_lights(edit));
         self.forget_records();
     }
 
@@ -208,6 +214,12 @@ impl Learner {
     /// What is known of the light by now.
     pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
         self.known.as_ref()
+    }
+
+    /// What is known is of a scene before an edit whose lights sent out something else: all of it is wrong, not only what is
+    /// near the edit.
+    pub fn knows_other_lights(&self) -> bool {
+        self.is_of_other_lights
     }
 
     /// Counts up whenever [`Learner::known`] becomes another.
@@ -239,6 +251,13 @@ impl Learner {
             bytes: cache.map_or(0, |cache| cache.bytes()),
         }
     }
+}
+
+/// The lights send out the same before and after an edit.
+fn have_same_lights(edit: &Edit<'_>) -> bool {
+    let [before, after] = [edit.before.sources(), edit.after.sources()];
+    let is_same = |(a, b): (&Source, &Source)| a.name() == b.name() && a.emits_like(b);
+    before.len() == after.len() && before.iter().zip(&after).all(is_same)
 }
 
 /// What records of irradiance took and hold.

@@ -2,8 +2,10 @@
 //!
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
-//! what is known. Imports every room to its left; the server talks to this one.
+//! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next and
+//! measures what comes of it. Imports every room to its left; the server talks to this one.
 
+mod chain;
 mod illumination;
 mod learner;
 #[cfg(test)]
@@ -15,29 +17,35 @@ use std::{
 };
 
 use crate::{
-    film::{Film, MeasuredError, Outdated, PictureSize},
+    film::{Film, MeasuredError, Outdated, Picture, PictureSize},
+    math::sobol,
     scene::CameraView,
     technique::{
-        Bias, Canvas, Card, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
+        Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
         path::{PathClasses, PathSettings, PathTracer},
     },
     transport::World,
 };
+use chain::{Measuring, Outlook, Spent, Turn};
 
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
 
-/// Seconds of learning for each second of drawing while there is more to learn: at first what is not known about the light
+/// Work on learning for each that goes into drawing while there is more to learn: at first what is not known about the light
 /// shows more than the noise of what is sampled.
 const LEARNING_SHARE: f64 = 5.0;
+
+/// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
+const SHARE_SHOWN: f64 = 0.01;
 
 /// What computes indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Indirect {
-    /// The best chain that exists so far: the path tracer.
-    #[default]
+    /// The best chain that exists so far: the irradiance cache, answered for by the light octree where it has no records yet,
+    /// and the path tracer as far as its samples make the picture better. Without a second bounce, the path tracer.
     Auto,
     /// The path tracer.
+    #[default]
     Path,
     /// The light octree; light seen directly and direct light are sampled.
     Octree,
@@ -47,10 +55,31 @@ pub enum Indirect {
     None,
 }
 
+/// What is learnt of a scene's light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Learnt {
+    /// Photons and the octree made of them.
+    Octree,
+    /// Those, and records of irradiance gathered from them.
+    Records,
+}
+
 impl Indirect {
     /// What is drawn is looked up in something learnt before, with an error that is more than noise.
-    pub fn is_learnt(self) -> bool {
-        matches!(self, Indirect::Octree | Indirect::Irradiance)
+    ///
+    /// - `bounces_max`: most scatterings of a path
+    pub fn learns(self, bounces_max: Option<u32>) -> Option<Learnt> {
+        match self {
+            Indirect::Octree => Some(Learnt::Octree),
+            Indirect::Irradiance => Some(Learnt::Records),
+            Indirect::Auto => bounces_max.is_none_or(|bounces| bounces > 1).then_some(Learnt::Records),
+            Indirect::Path | Indirect::None => None,
+        }
+    }
+
+    /// Films that a picture takes.
+    pub fn film_count(self) -> usize {
+        if self == Indirect::Auto { 2 } else { 1 }
     }
 }
 
@@ -60,6 +89,8 @@ pub enum Learning {
     /// Once all is known: the picture depends on no clock.
     #[default]
     First,
+    /// As soon as something is known, sharing the work with learning more by numbers of rays: the picture depends on no clock.
+    InStep,
     /// As soon as something is known, sharing the time with learning more; from a moment on nothing more is learnt, so that
     /// what is known by then is seen by more than a sample or two.
     Alongside {
@@ -74,7 +105,7 @@ pub struct RenderSettings {
     /// Technique of indirect light.
     pub indirect: Indirect,
     /// Most scatterings of a path (1: emission and direct light); `None`: no bound. Where light is
-    /// [learnt](Indirect::is_learnt) it bounds what surfaces receive, whatever mirrors and glass lie between them and the eye.
+    /// [learnt](Indirect::learns) it bounds what surfaces receive, whatever mirrors and glass lie between them and the eye.
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
@@ -82,26 +113,38 @@ pub struct RenderSettings {
     pub learning: Learning,
 }
 
+impl RenderSettings {
+    /// What is learnt for it.
+    pub fn learns(&self) -> Option<Learnt> {
+        self.indirect.learns(self.bounces_max)
+    }
+}
+
 /// A picture in the making.
 pub struct Rendering {
     world: Arc<World>,
     view: View,
     film: Film,
-    technique: Box<dyn Technique>,
+    technique: PathTracer,
+    /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
+    traced: Option<Film>,
     settings: RenderSettings,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
-    /// Seconds spent on learning less those spent on passes, since the first pass.
-    lead_seconds: f64,
+    /// Work on learning less that on passes, since the first pass.
+    lead: f64,
+    /// Where light is looked up: what the error is measured with, and what was found.
+    measuring: Option<Measuring>,
+    outlook: Option<Outlook>,
     counts: Counts,
+    /// Rays of either film.
+    looked_up_rays: u64,
+    traced_rays: u64,
 }
 
 impl std::fmt::Debug for Rendering {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Rendering")
-            .field("technique", &self.card().name)
-            .field("counts", &self.counts)
-            .finish()
+        f.debug_struct("Rendering").field("settings", &self.settings).field("counts", &self.counts).finish()
     }
 }
 
@@ -120,8 +163,8 @@ impl Rendering {
         Rendering { learner, ..Rendering::with(world, view, size, settings, None) }
     }
 
-    /// An empty film of `view` that is drawn with what is known of the scene's light; with techniques that
-    /// [learn](Indirect::is_learnt) light that comes by way of other surfaces is missing where nothing is known.
+    /// An empty film of `view` that is drawn with what is known of the scene's light; by octree and records light that comes
+    /// by way of other surfaces is missing where nothing is known.
     pub fn with(
         world: Arc<World>,
         view: CameraView,
@@ -129,36 +172,110 @@ impl Rendering {
         settings: RenderSettings,
         known: Option<Arc<dyn SecondaryLight>>,
     ) -> Rendering {
+        let is_learnt = settings.learns().is_some();
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
-            technique: Box::new(tracer(&settings, known)),
+            technique: tracer(&settings, known),
+            traced: None,
             settings,
             learner: None,
-            lead_seconds: 0.0,
+            lead: 0.0,
+            measuring: is_learnt.then(|| Measuring::new(all_paths(&settings), size)),
+            outlook: None,
             counts: Counts::default(),
+            looked_up_rays: 0,
+            traced_rays: 0,
         }
     }
 
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
-    /// The film is valid after every step, cancelled or not.
+    /// The films are valid after every step, cancelled or not.
     pub fn step(&mut self, cancel: &AtomicBool) -> Progress {
         if let Some(progress) = self.learn(cancel) {
             return progress;
         }
-        let start = Instant::now();
+        let is_first = self.film.passes_min() == 0;
+        let (start, before) = (Instant::now(), self.counts);
+        let progress = match self.turn() {
+            Turn::LookedUp => self.draw(cancel),
+            Turn::Traced => self.trace(cancel),
+        };
+        self.counts += progress.counts;
+        self.lead -= LEARNING_SHARE * self.work(start, before);
+        // Whoever waits for a first picture waits for nothing else.
+        if progress.complete && !is_first {
+            self.measure(cancel);
+        }
+        Progress { counts: self.counts - before, ..progress }
+    }
+
+    /// A pass of the film that is drawn with what is known.
+    fn draw(&mut self, cancel: &AtomicBool) -> Progress {
         let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
         // What it draws with was handed to the technique; it makes nothing for others.
         let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
         let progress = self.technique.step(&mut step);
-        self.counts += progress.counts;
-        self.lead_seconds -= LEARNING_SHARE * start.elapsed().as_secs_f64();
+        self.looked_up_rays += rays_of(progress.counts);
         progress
     }
 
+    /// A pass of the path-traced film.
+    fn trace(&mut self, cancel: &AtomicBool) -> Progress {
+        let size = self.film.size();
+        let film = self.traced.get_or_insert_with(|| Film::new(size));
+        let canvas = Some(Canvas { view: &self.view, film });
+        let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
+        // With numbers of its own: its samples are independent of the other film's.
+        let settings = all_paths(&self.settings);
+        let settings = PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings };
+        let progress = PathTracer::new(settings).step(&mut step);
+        self.traced_rays += rays_of(progress.counts);
+        progress
+    }
+
+    /// Which film is drawn next.
+    fn turn(&mut self) -> Turn {
+        if self.settings.indirect != Indirect::Auto || self.film.passes_min() == 0 {
+            return Turn::LookedUp;
+        }
+        // A pass that was begun is ended first.
+        if self.film.passes_min() != self.film.passes_max() {
+            return Turn::LookedUp;
+        }
+        if self.traced.as_ref().is_some_and(|film| film.passes_min() != film.passes_max()) {
+            return Turn::Traced;
+        }
+        let Some(outlook) = self.outlook else { return Turn::LookedUp };
+        if self.knows_its_light() || self.is_late() {
+            return outlook.turn();
+        }
+        let spent = rays_of(self.counts);
+        // What is learnt makes the picture better by nobody knows how much: path tracing gets half of the work if it would
+        // have done better with all of it.
+        let is_behind = outlook.tracing_would_have_done(spent);
+        if is_behind && 2 * self.traced_rays < spent { Turn::Traced } else { Turn::LookedUp }
+    }
+
+    /// Keeps the measure of the error up with the rest of the work.
+    fn measure(&mut self, cancel: &AtomicBool) {
+        let Some(measuring) = &mut self.measuring else { return };
+        let spent = rays_of(self.counts);
+        self.counts += measuring.keep_up(&self.world, &self.view, &self.film, spent, cancel);
+        let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
+        let traced = self.traced.as_ref().map(|film| {
+            let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };
+            (film, spent)
+        });
+        let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
+        if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
+            self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
+        }
+    }
+
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
-    /// learning gets [`LEARNING_SHARE`] of the time of drawing, until all is known. What is sampled of direct light is kept
+    /// learning gets [`LEARNING_SHARE`] of the work of drawing, until all is known. What is sampled of direct light is kept
     /// throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
         let is_late = self.is_late();
@@ -166,7 +283,7 @@ impl Rendering {
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || self.lead_seconds > 0.0 || is_late,
+            Stage::Rough => self.film.passes_min() == 0 || self.lead > 0.0 || is_late,
             Stage::Complete => true,
         };
         if is_pass_due {
@@ -176,7 +293,7 @@ impl Rendering {
             }
             return None;
         }
-        let start = Instant::now();
+        let (start, counts_before) = (Instant::now(), self.counts);
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
         let is_better = learner.step(&self.world, cancel);
@@ -185,11 +302,19 @@ impl Rendering {
         if is_better {
             self.relight(known, Outdated::Rough);
         }
-        if !is_first {
-            self.lead_seconds += start.elapsed().as_secs_f64();
-        }
         self.counts += counts;
+        if !is_first {
+            self.lead += self.work(start, counts_before);
+        }
         Some(Progress { counts, complete: false })
+    }
+
+    /// What was done since then, in seconds, or in rays where no clock may decide.
+    fn work(&self, start: Instant, before: Counts) -> f64 {
+        match self.settings.learning {
+            Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
+            Learning::First | Learning::InStep => rays_of(self.counts - before) as f64,
+        }
     }
 
     fn is_late(&self) -> bool {
@@ -198,8 +323,10 @@ impl Rendering {
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
-        self.technique = Box::new(tracer(&self.settings, known));
+        self.technique = tracer(&self.settings, known);
         self.film.outdate_secondary(outdated);
+        // Found of the light before.
+        self.outlook = None;
     }
 
     /// All that is to be known of the light is known: the film is what further passes add to.
@@ -222,16 +349,38 @@ impl Rendering {
         self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
     }
 
-    /// The error of the picture, measured; `None` while it is unknown: below two passes, and for biased techniques, whose
-    /// error is more than the noise that two halves of a film differ by.
+    /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
+    /// differ; of looked-up light, by path tracing some pixels, or, once that knows better, by the path-traced film in it.
+    /// Takes some 0.1 µs a pixel: ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
-        let is_measurable = self.card().bias == Bias::Unbiased && !self.settings.indirect.is_learnt();
-        is_measurable.then(|| self.film.measured_error()).flatten()
+        let Some(measuring) = &self.measuring else { return self.film.measured_error() };
+        let picture = self.picture();
+        let by_either = [measuring.error_of(&picture), picture.measured_error()];
+        by_either.into_iter().flatten().reduce(MeasuredError::surer)
+    }
+
+    /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
+    pub fn is_at_its_best(&self) -> bool {
+        let is_biased = matches!(self.settings.indirect, Indirect::Octree | Indirect::Irradiance);
+        is_biased && self.knows_its_light() && self.outlook.is_some_and(|outlook| outlook.is_at_its_floor())
     }
 
     /// The picture so far.
+    pub fn picture(&self) -> Picture<'_> {
+        match &self.traced {
+            Some(traced) => Picture::blended(&self.film, traced),
+            None => Picture::of(&self.film),
+        }
+    }
+
+    /// The film that is drawn with what is known of the light: all of the picture, but for path tracing beside it.
     pub fn film(&self) -> &Film {
         &self.film
+    }
+
+    /// Its size.
+    pub fn size(&self) -> PictureSize {
+        self.film.size()
     }
 
     /// The world it shows.
@@ -246,23 +395,64 @@ impl Rendering {
 
     /// Samples that every pixel has.
     pub fn passes(&self) -> u32 {
-        self.film.passes_min()
+        self.films().map(Film::passes_min).sum()
     }
 
-    /// The technique at work.
-    pub fn card(&self) -> &'static Card {
-        self.technique.card()
+    /// Every pixel has as many.
+    pub fn is_whole(&self) -> bool {
+        self.films().all(|film| film.passes_min() == film.passes_max())
+    }
+
+    /// Samples of all pixels together.
+    pub fn sample_count(&self) -> u64 {
+        self.films().map(Film::sample_count).sum()
+    }
+
+    /// Samples that were not finite or negative, and count as black.
+    pub fn dropped_samples(&self) -> u64 {
+        self.films().map(Film::dropped_samples).sum()
+    }
+
+    /// Memory of its films.
+    pub fn film_bytes(&self) -> usize {
+        self.films().map(Film::bytes).sum()
+    }
+
+    fn films(&self) -> impl Iterator<Item = &Film> {
+        std::iter::once(&self.film).chain(&self.traced)
+    }
+
+    /// Name of what the picture is made by.
+    pub fn technique_name(&self) -> &'static str {
+        let looked_up = self.technique.card().name;
+        match (self.picture().traced_share(), looked_up) {
+            (share, _) if share < SHARE_SHOWN => looked_up,
+            (share, _) if share > 1.0 - SHARE_SHOWN => "path",
+            (_, "octree") => "octree+path",
+            (_, "irradiance") => "irradiance+path",
+            (_, _) => "path",
+        }
     }
 }
 
-/// The path tracer that draws with what is known.
+fn rays_of(counts: Counts) -> u64 {
+    counts.rays + counts.shadow_rays
+}
+
+/// Settings of a path tracer of all that is to be seen.
+fn all_paths(settings: &RenderSettings) -> PathSettings {
+    PathSettings { classes: PathClasses::All, bounces_max: settings.bounces_max, seed: settings.seed }
+}
+
+/// The path tracer that draws with what is known; where the best there is is asked for and nothing is known, by itself.
 fn tracer(settings: &RenderSettings, known: Option<Arc<dyn SecondaryLight>>) -> PathTracer {
+    let is_learnt = settings.learns().is_some();
     let classes = match settings.indirect {
-        Indirect::Auto | Indirect::Path => PathClasses::All,
         Indirect::None | Indirect::Octree | Indirect::Irradiance => PathClasses::EmittedAndDirect,
+        Indirect::Auto | Indirect::Path => PathClasses::All,
     };
-    let path = PathSettings { classes, bounces_max: settings.bounces_max, seed: settings.seed };
-    match known.filter(|_| settings.indirect.is_learnt()) {
+    let path = PathSettings { classes, ..all_paths(settings) };
+    match known.filter(|_| is_learnt) {
         Some(known) => PathTracer::with_secondary(path, known),
         None => PathTracer::new(path),
     }

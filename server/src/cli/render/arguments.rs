@@ -33,16 +33,16 @@ pub struct RenderArgs {
     /// camera's aspect, 320x180 for a camera without
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<PictureSize>,
-    /// Technique of indirect light: auto (the best that exists so far: path), octree, irradiance, path, none; lightmap
-    /// is planned
+    /// Technique of indirect light: auto (octree, irradiance and path, each as far as it makes the picture better; with
+    /// --samples, path), octree, irradiance, path, none; lightmap is planned
     #[arg(long, default_value = "auto", value_name = "TECHNIQUE", value_parser = parse_indirect)]
     pub indirect: Indirect,
     /// Stop after this long, such as 10s, 500ms, 2m; counts everything but reading the scene. Every pixel gets
     /// one sample in any case
     #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
     pub time: Option<Duration>,
-    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%; not with --indirect octree
-    /// or irradiance, whose error is not measured yet
+    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it
+    /// where it is less than they can reach
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
     /// Stop at this many samples per pixel
@@ -79,6 +79,17 @@ pub struct RenderArgs {
     /// Print the statistics as JSON instead of one line
     #[arg(long)]
     pub json: bool,
+}
+
+impl RenderArgs {
+    /// The technique that is asked for. A number of samples is a question to the path tracer: of a picture that is looked up
+    /// in what was learnt it says little.
+    pub(super) fn technique(&self) -> Indirect {
+        match (self.indirect, self.samples) {
+            (Indirect::Auto, Some(_)) => Indirect::Path,
+            (indirect, _) => indirect,
+        }
+    }
 }
 
 /// Where light is computed.

@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use lumicast_engine::film::Film;
+use lumicast_engine::render::Rendering;
 use serde::Serialize;
 
 use super::super::CliError;
@@ -55,7 +55,7 @@ impl Snapshots {
     /// Writes the film if one is due; several that were missed are one.
     pub(super) fn take_if_due(
         &mut self,
-        film: &Film,
+        rendering: &Rendering,
         facts: &PictureFacts,
         seconds: f64,
     ) -> Result<(), CliError> {
@@ -65,18 +65,23 @@ impl Snapshots {
         while self.next_seconds() <= seconds {
             self.passed += 1;
         }
-        self.take(film, facts, seconds)
+        self.take(rendering, facts, seconds)
     }
 
     /// Writes the film unless it is the one written last.
-    pub(super) fn take(&mut self, film: &Film, facts: &PictureFacts, seconds: f64) -> Result<(), CliError> {
-        if film.sample_count() == self.samples_at_last {
+    pub(super) fn take(
+        &mut self,
+        rendering: &Rendering,
+        facts: &PictureFacts,
+        seconds: f64,
+    ) -> Result<(), CliError> {
+        if rendering.sample_count() == self.samples_at_last {
             return Ok(());
         }
-        self.samples_at_last = film.sample_count();
+        self.samples_at_last = rendering.sample_count();
         let file = format!("{:04}.exr", self.entries.len() + 1);
         let facts = PictureFacts { seconds: Some(seconds), ..facts.clone() };
-        write_file(&self.folder.join(&file), &encode_exr(film, ExrLayers::Plain, &facts)?)?;
+        write_file(&self.folder.join(&file), &encode_exr(&rendering.picture(), ExrLayers::Plain, &facts)?)?;
         let PictureFacts { error, error_ci, technique, .. } = facts;
         self.entries.push(Entry { seconds, file, error, error_ci, technique });
         let mut index = serde_json::to_vec_pretty(&self.entries)
@@ -95,7 +100,8 @@ fn scheduled_seconds(index: u32) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lumicast_engine::film::{PictureSize, PixelSample};
+    use lumicast_engine::{film::PictureSize, render::RenderSettings, scene::samples, transport::World};
+    use std::sync::{Arc, atomic::AtomicBool};
 
     fn facts(error: Option<f64>) -> PictureFacts {
         let error_ci = error.map(|error| [error / 2.0, error * 2.0]);
@@ -108,10 +114,6 @@ mod tests {
             error_ci,
             seconds: None,
         }
-    }
-
-    fn add_pass(film: &mut Film) {
-        film.tiles_mut().iter_mut().for_each(|tile| tile.add_pass(|_, _| PixelSample::BLACK));
     }
 
     /// The schedule is the contract's.
@@ -128,15 +130,18 @@ mod tests {
     fn the_index_lists_what_is_there() {
         let folder = tempfile::tempdir().unwrap();
         let mut snapshots = Snapshots::new(&folder.path().join("new/folder")).unwrap();
-        let mut film = Film::new(PictureSize::new(4, 4).unwrap());
-        add_pass(&mut film);
-        snapshots.take_if_due(&film, &facts(None), 0.05).unwrap();
+        let world = Arc::new(World::prepare(Arc::new(samples::cornell_box().unwrap())));
+        let (view, size) = (world.scene().default_view(), PictureSize::new(4, 4).unwrap());
+        let mut rendering = Rendering::new(world, view, size, RenderSettings::default());
+        let never = AtomicBool::new(false);
+        rendering.step(&never);
+        snapshots.take_if_due(&rendering, &facts(None), 0.05).unwrap();
         assert_eq!(snapshots.count(), 0);
-        snapshots.take_if_due(&film, &facts(None), 0.7).unwrap();
-        snapshots.take_if_due(&film, &facts(None), 0.9).unwrap();
-        add_pass(&mut film);
-        snapshots.take_if_due(&film, &facts(Some(0.125)), 1.0).unwrap();
-        snapshots.take(&film, &facts(Some(0.125)), 1.5).unwrap();
+        snapshots.take_if_due(&rendering, &facts(None), 0.7).unwrap();
+        snapshots.take_if_due(&rendering, &facts(None), 0.9).unwrap();
+        rendering.step(&never);
+        snapshots.take_if_due(&rendering, &facts(Some(0.125)), 1.0).unwrap();
+        snapshots.take(&rendering, &facts(Some(0.125)), 1.5).unwrap();
         let path = folder.path().join("new/folder/index.json");
         let index: serde_json::Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
         let expected = serde_json::json!([

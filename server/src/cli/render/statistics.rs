@@ -187,7 +187,7 @@ pub(super) fn effects(
 pub(super) fn shown_errors(measured: Option<MeasuredError>) -> (Option<f64>, Option<[f64; 2]>, Option<f64>) {
     let error = measured.map(|measured| measured.error());
     let interval = measured.map(|measured| measured.error_interval_95());
-    (error, interval, measured.map(|measured| measured.trimmed.sqrt()))
+    (error, interval, measured.and_then(|measured| measured.trimmed).map(f64::sqrt))
 }
 
 impl Statistics {

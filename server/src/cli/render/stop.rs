@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use lumicast_engine::film::MeasuredError;
+use lumicast_engine::{film::MeasuredError, render::Rendering};
 
 /// Why a rendering ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,6 +13,8 @@ pub(super) enum StopReason {
     Time,
     /// `--error`.
     Error,
+    /// `--error` is less than the technique can reach.
+    Best,
 }
 
 impl StopReason {
@@ -22,6 +24,7 @@ impl StopReason {
             StopReason::Samples => "samples",
             StopReason::Time => "time",
             StopReason::Error => "error",
+            StopReason::Best => "best",
         }
     }
 }
@@ -51,22 +54,25 @@ impl StopRule {
         }
     }
 
-    /// Whether a picture of so many whole passes is done. Depends on nothing but the film, so that without a time
-    /// limit the stopping point is the same on every machine.
-    pub(super) fn is_done(
-        &self,
-        passes: u32,
-        measured: impl FnOnce() -> Option<MeasuredError>,
-    ) -> Option<StopReason> {
-        if self.samples.is_some_and(|samples| passes >= samples) {
+    /// Whether a picture of whole passes is done. Depends on nothing but its films, so that without a time limit the
+    /// stopping point is the same on every machine.
+    pub(super) fn is_done_with(&self, rendering: &Rendering) -> Option<StopReason> {
+        let passes = rendering.passes();
+        if self.samples.is_some_and(|samples| passes >= samples) && rendering.knows_its_light() {
             return Some(StopReason::Samples);
         }
+        self.by_error(passes, || rendering.measured_error())
+            .or_else(|| (self.error.is_some() && rendering.is_at_its_best()).then_some(StopReason::Best))
+    }
+
+    /// Whether so many passes are done by their error.
+    fn by_error(&self, passes: u32, measured: impl FnOnce() -> Option<MeasuredError>) -> Option<StopReason> {
         let target = self.error?;
         if !is_check_point(passes) {
             return None;
         }
         match measured() {
-            Some(error) if error.error() <= target => Some(StopReason::Error),
+            Some(error) if error.reaches(target) => Some(StopReason::Error),
             _ => None,
         }
     }
@@ -98,15 +104,12 @@ mod tests {
     }
 
     fn is_done(rule: &StopRule, film: &Film) -> Option<StopReason> {
-        rule.is_done(film.passes_min(), || film.measured_error())
+        rule.by_error(film.passes_min(), || film.measured_error())
     }
 
     /// Each bound ends the rendering by itself, and nothing ends it before.
     #[test]
     fn each_bound_ends_the_rendering() {
-        let samples = StopRule::new(Some(3), None, None);
-        assert_eq!(is_done(&samples, &film_of(2, |_| 1.0)), None);
-        assert_eq!(is_done(&samples, &film_of(3, |_| 1.0)), Some(StopReason::Samples));
         let error = StopRule::new(None, None, Some(0.1));
         assert_eq!(is_done(&error, &film_of(14, |_| 1.0)), None);
         assert_eq!(is_done(&error, &film_of(16, |_| 1.0)), Some(StopReason::Error));

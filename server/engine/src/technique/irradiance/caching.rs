@@ -29,6 +29,8 @@ const WALKS_AGAIN_MAX: u32 = 4;
 
 /// Time of making records in one step, about.
 const STEP_SECONDS: f64 = 0.01;
+/// Records made in one step where no clock may decide.
+const STEP_RECORDS: usize = 32;
 
 /// Making records for views.
 #[derive(Debug)]
@@ -228,6 +230,9 @@ impl IrradianceCaching {
 
     /// Records made in one step, so that whoever moves gets pictures in between. What they become does not depend on it.
     fn records_per_step(&self) -> usize {
+        if !self.settings.is_paced {
+            return STEP_RECORDS;
+        }
         let threads = rayon::current_num_threads();
         let fitting = self.seconds_per_record.map_or(0.0, |seconds| STEP_SECONDS / seconds.max(1e-6));
         (fitting as usize).clamp(threads, 64 * threads)

@@ -54,6 +54,9 @@ pub struct IrradianceSettings {
     pub clamps_neighbours: bool,
     /// A record counts over so many pixels of its first sight at least.
     pub pixels_min: f32,
+    /// Steps are cut to some 10 ms by the clock, so that whoever waits is not kept waiting; else to a fixed number of records.
+    /// What records become does not depend on it.
+    pub is_paced: bool,
     /// Names the random numbers.
     pub seed: u64,
 }
@@ -73,6 +76,7 @@ impl Default for IrradianceSettings {
             records_max: 500_000,
             clamps_neighbours: true,
             pixels_min: 4.0,
+            is_paced: true,
             seed: 0,
         }
     }

@@ -17,6 +17,7 @@
 #[cfg(test)]
 mod closed_forms;
 mod cpu;
+mod gauge;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -26,6 +27,7 @@ use std::sync::{Arc, atomic::Ordering};
 use glam::UVec2;
 use rayon::prelude::*;
 
+pub use gauge::{Gauge, SampleCost};
 pub use view::View;
 
 use super::{

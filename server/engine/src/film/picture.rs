@@ -1,0 +1,383 @@
+//! What is shown: a film, or the blend of two films of one view.
+//!
+//! A film drawn with looked-up light has little noise and an error that stays; one that is path-traced has noise that falls
+//! for ever. With e² the squared error of the first and v the variance of the second, independent of it, the blend with the
+//! weight w = e² / (e² + v) on the second has the least squared error there is, below that of either. Neither is known, but
+//! the squared difference of the two has the expectation e² + v, and the second film's halves measure v: so
+//! w = 1 − v̂ / (difference)², at least 0, from sums over some hundred pixels (the positive-part estimator of
+//! [JamesStein1961]), less what chance may have added. While path tracing is noisy it hardly counts; as it converges it takes
+//! over without a step that an eye could see.
+
+use rayon::prelude::*;
+
+use super::{
+    Film, MeasuredError, PictureSize, TILE_SIDE,
+    measured::{neighbourhood_mean, of_pixels, relative},
+    pixel::Pixel,
+};
+use crate::{math::Rgb, transport::PathClass};
+use glam::Vec3;
+
+/// A picture to be shown or written. Every image that it returns is `[h × w]`, rows top to bottom.
+#[derive(Clone, Debug)]
+pub struct Picture<'a> {
+    film: &'a Film,
+    blend: Option<Blend<'a>>,
+}
+
+#[derive(Clone, Debug)]
+struct Blend<'a> {
+    traced: &'a Film,
+    weights: Weights,
+    /// Of the blend, and of the film alone.
+    measured: MeasuredError,
+    measured_film: MeasuredError,
+}
+
+/// Weight of the traced film at the middle of every tile, in row order.
+#[derive(Clone, Debug)]
+struct Weights {
+    values: Vec<f64>,
+    columns: usize,
+}
+
+impl<'a> Picture<'a> {
+    /// A film as it is.
+    pub fn of(film: &'a Film) -> Picture<'a> {
+        Picture { film, blend: None }
+    }
+
+    /// `film` blended with the path-traced film of the same view, whose samples must be independent of the first one's. While
+    /// that has less than two passes it does not count.
+    pub fn blended(film: &'a Film, traced: &'a Film) -> Picture<'a> {
+        Picture { film, blend: Blend::of(film, traced) }
+    }
+
+    /// Size of the picture.
+    pub fn size(&self) -> PictureSize {
+        self.film.size()
+    }
+
+    /// Weight of the path-traced film, mean over the picture; 0 without one.
+    pub fn traced_share(&self) -> f64 {
+        let Some(blend) = &self.blend else { return 0.0 };
+        blend.weights.values.iter().sum::<f64>() / blend.weights.values.len() as f64
+    }
+
+    /// The error of the blend, bias included, measured with the samples of its path-traced film; `None` without one.
+    pub fn measured_error(&self) -> Option<MeasuredError> {
+        self.blend.as_ref().map(|blend| blend.measured)
+    }
+
+    /// The error of the film without the path-traced one, measured with that.
+    pub fn measured_error_of_film(&self) -> Option<MeasuredError> {
+        self.blend.as_ref().map(|blend| blend.measured_film)
+    }
+
+    /// Radiance of all path classes together, W/(m² sr); black where no pass has run.
+    pub fn radiance(&self) -> Vec<Rgb> {
+        self.mixed(Film::radiance)
+    }
+
+    /// Radiance of one path class, W/(m² sr). The layers add up to [`Picture::radiance`].
+    pub fn layer(&self, class: PathClass) -> Vec<Rgb> {
+        self.mixed(|film| film.layer(class))
+    }
+
+    /// Mean albedo of the first hit; samples that hit nothing count as black.
+    pub fn albedo(&self) -> Vec<Rgb> {
+        self.film.albedo()
+    }
+
+    /// Mean direction of the first hits' normals in the world, unit length; zero where nothing was hit.
+    pub fn normal(&self) -> Vec<Vec3> {
+        self.film.normal()
+    }
+
+    /// Mean depth of the samples that hit, metres along the camera's axis; 0 where none did.
+    pub fn depth(&self) -> Vec<f32> {
+        self.film.depth()
+    }
+
+    /// Variance of each pixel's luminance, (W/(m² sr))²; see [`Film::variance`].
+    pub fn variance(&self) -> Vec<f32> {
+        let mut image = self.film.variance();
+        if let Some(blend) = &self.blend {
+            let traced = blend.traced.variance();
+            blend.weights.for_all(self.size(), &mut image, |index, weight, shown| {
+                let weight = weight as f32;
+                *shown = (1.0 - weight).powi(2) * *shown + weight.powi(2) * traced[index];
+            });
+        }
+        image
+    }
+
+    fn mixed(&self, image_of: impl Fn(&Film) -> Vec<Rgb>) -> Vec<Rgb> {
+        let mut image = image_of(self.film);
+        if let Some(blend) = &self.blend {
+            let traced = image_of(blend.traced);
+            blend.weights.for_all(self.size(), &mut image, |index, weight, shown| {
+                let weight = weight as f32;
+                *shown = *shown * (1.0 - weight) + traced[index] * weight;
+            });
+        }
+        image
+    }
+}
+
+impl<'a> Blend<'a> {
+    /// `None` where nothing can be said: below two passes of `traced`, or all black.
+    fn of(film: &Film, traced: &'a Film) -> Option<Blend<'a>> {
+        let size = film.size();
+        if traced.passes_min() < 2 || traced.size() != size {
+            return None;
+        }
+        let shown = film.image([0.0; 3], Pixel::total_mean);
+        let other = traced.image([0.0; 3], Pixel::total_mean);
+        let noise = traced.image([0.0; 3], Pixel::squared_error_of_mean);
+        let mean_of = |image: &[[f64; 3]]| image.iter().flatten().sum::<f64>() / (3 * image.len()) as f64;
+        let mean = mean_of(&shown).max(mean_of(&other));
+        if mean <= 0.0 {
+            return None;
+        }
+        let around = neighbourhood_mean(&shown, size.width() as usize);
+        // Squared difference of the two, and the noise of the second, for every pixel.
+        let (differences, noises): (Vec<f64>, Vec<f64>) = (0..shown.len())
+            .into_par_iter()
+            .map(|index| {
+                let (a, b) = (shown[index], other[index]);
+                let squared = std::array::from_fn(|channel| (a[channel] - b[channel]).powi(2));
+                (relative(squared, around[index], mean), relative(noise[index], around[index], mean))
+            })
+            .unzip();
+        let columns = size.width().div_ceil(TILE_SIDE) as usize;
+        let sums: Vec<Sums> = film
+            .tiles()
+            .iter()
+            .map(|tile| {
+                let (origin, extent) = (tile.origin(), tile.size());
+                let rows = origin.y..origin.y + extent.y;
+                let places = rows.flat_map(|y| (0..extent.x).map(move |x| (y, origin.x + x)));
+                places.fold(Sums::default(), |sums, (y, x)| {
+                    let index = (y * size.width() + x) as usize;
+                    sums.with(Sums::of(differences[index], noises[index]))
+                })
+            })
+            .collect();
+        let weights = Weights::of(&sums, columns);
+        // The film's own.
+        let mut errors: Vec<f64> =
+            differences.iter().zip(&noises).map(|(both, noise)| both - noise).collect();
+        let measured_film = of_pixels(&errors);
+        weights.for_all(size, &mut errors, |index, weight, error| {
+            *error = (1.0 - weight).powi(2) * *error + weight.powi(2) * noises[index];
+        });
+        Some(Blend { traced, weights, measured: of_pixels(&errors), measured_film })
+    }
+}
+
+/// Sums over some pixels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Of the squared difference of the two films.
+    difference: f64,
+    /// Of what is left of it without the noise of the traced one: the squared error of the other, in the mean; and of its
+    /// square.
+    own: f64,
+    own_squared: f64,
+    count: f64,
+}
+
+impl Sums {
+    fn of(difference: f64, noise: f64) -> Sums {
+        let own = difference - noise;
+        Sums { difference, own, own_squared: own * own, count: 1.0 }
+    }
+
+    fn with(self, o: Sums) -> Sums {
+        Sums {
+            difference: self.difference + o.difference,
+            own: self.own + o.own,
+            own_squared: self.own_squared + o.own_squared,
+            count: self.count + o.count,
+        }
+    }
+
+    /// Weight of the traced film. A standard error of the sum is taken off: too little weight costs nothing worth speaking of
+    /// where too much would show noise.
+    fn weight(self) -> f64 {
+        let variance = (self.own_squared - self.own * self.own / self.count).max(0.0);
+        let own = (self.own - variance.sqrt()).max(0.0);
+        // Where both films say the same it makes no difference.
+        if self.difference > 0.0 { own / self.difference } else { 0.0 }
+    }
+}
+
+impl Weights {
+    /// From the sums of squared differences and of noise over each tile and its neighbours.
+    fn of(sums: &[Sums], columns: usize) -> Weights {
+        let rows = sums.len() / columns;
+        let span = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
+        let values = (0..sums.len())
+            .map(|index| {
+                let (column, row) = (index % columns, index / columns);
+                let near =
+                    span(row, rows).flat_map(|row| span(column, columns).map(move |x| row * columns + x));
+                near.fold(Sums::default(), |all, at| all.with(sums[at])).weight()
+            })
+            .collect();
+        Weights { values, columns }
+    }
+
+    /// Does something with every pixel of an image, told its place and the weight of the traced film there, which goes over
+    /// from tile to tile without a step.
+    fn for_all<T: Send>(&self, size: PictureSize, image: &mut [T], act: impl Fn(usize, f64, &mut T) + Sync) {
+        let width = size.width() as usize;
+        let rows = self.values.len() / self.columns;
+        image.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            let (top, bottom, down) = between(y, rows);
+            for (x, value) in row.iter_mut().enumerate() {
+                let (left, right, across) = between(x, self.columns);
+                let at = |row: usize| {
+                    let weight = |column: usize| self.values[row * self.columns + column];
+                    weight(left) * (1.0 - across) + weight(right) * across
+                };
+                act(y * width + x, at(top) * (1.0 - down) + at(bottom) * down, value);
+            }
+        });
+    }
+}
+
+/// The two tiles in whose middles' midst a pixel lies, along one axis, and how far it is from the first to the second, in
+/// [0, 1].
+fn between(pixel: usize, count: usize) -> (usize, usize, f64) {
+    let at = ((pixel as f64 + 0.5) / f64::from(TILE_SIDE) - 0.5).clamp(0.0, (count - 1) as f64);
+    let first = at as usize;
+    (first, (first + 1).min(count - 1), at.fract())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        film::{GaugedPixel, PixelSample, measure_at},
+        math::{RunningStatistics, sobol::PixelSampler},
+    };
+
+    /// Samples 1 ± 1, evenly, in two classes; by (seed, pixel, pass).
+    fn noisy(seed: u64, passes: u32) -> Film {
+        film_of(passes, |x, y, pass| {
+            let [u, ..] = PixelSampler::new(seed, pass, y * 64 + x, 0).four(0);
+            2.0 * u
+        })
+    }
+
+    fn film_of(passes: u32, value: impl Fn(u32, u32, u32) -> f32) -> Film {
+        let mut film = Film::new(PictureSize::new(64, 48).unwrap());
+        for pass in 0..passes {
+            film.tiles_mut().iter_mut().for_each(|tile| {
+                tile.add_pass(|x, y| {
+                    let mut sample = PixelSample::BLACK;
+                    sample.radiance[PathClass::Direct as usize] = Rgb::splat(0.25 * value(x, y, pass));
+                    sample.radiance[PathClass::Indirect as usize] = Rgb::splat(0.75 * value(x, y, pass));
+                    sample
+                });
+            });
+        }
+        film
+    }
+
+    fn squared_error(image: &[Rgb]) -> f64 {
+        image.iter().map(|colour| f64::from(colour.g - 1.0).powi(2)).sum::<f64>() / image.len() as f64
+    }
+
+    /// The blend's squared error is as small as that of the best weight, 1 / (1/e² + 1/v), and what is measured of it and of
+    /// the film alone is right, wherever the errors of the two lie to each other.
+    #[test]
+    fn the_blend_is_better_than_either_and_knows_how_good_it_is() {
+        for bias in [0.0, 0.03, 0.1, 0.3] {
+            let mut figures = [RunningStatistics::default(); 3];
+            let film = film_of(1, |_, _, _| 1.0 + bias);
+            for seed in 0..40 {
+                let traced = noisy(seed, 33);
+                let picture = Picture::blended(&film, &traced);
+                figures[0].add(squared_error(&picture.radiance()));
+                figures[1].add(picture.measured_error().unwrap().rel_mse);
+                figures[2].add(picture.measured_error_of_film().unwrap().rel_mse);
+            }
+            let (own, noise) = (f64::from(bias).powi(2), 1.0 / 3.0 / 33.0);
+            let best = own * noise / (own + noise);
+            let [blend, measured, measured_film] = figures.map(|figure| figure.mean());
+            // Weights are found from a thousand pixels: a few percent of the noise are lost.
+            assert!(blend < 1.05 * best + 0.02 * noise, "bias {bias}: {blend} for {best}");
+            // The weights of the measure hold 1 + 0.01 and the film's own bias.
+            let scale = (1.0 + f64::from(bias)).powi(2) * 1.01;
+            assert!(
+                (measured * scale - blend).abs() < 0.05 * blend + 0.03 * noise,
+                "{bias}: {measured} {blend}"
+            );
+            let expected = own / scale;
+            assert!((measured_film - expected).abs() < 0.05 * expected + 0.05 * noise, "{measured_film}");
+        }
+    }
+
+    /// Where nothing is known of the traced film's noise, it does not count; a single enormous sample does not show; and
+    /// layers add up to the whole.
+    #[test]
+    fn noise_does_not_show_before_it_is_known() {
+        let film = film_of(4, |x, _, _| 1.0 + 0.1 * (x % 3) as f32);
+        let single = noisy(1, 1);
+        assert_eq!(Picture::blended(&film, &single).radiance(), film.radiance());
+        let struck = |x, y, pass| if (x, y, pass) == (20, 20, 5) { 1e6 } else { 1.0 };
+        let firefly = film_of(16, struck);
+        let picture = Picture::blended(&film, &firefly);
+        let at = 20 * 64 + 20;
+        assert!((picture.radiance()[at].g / film.radiance()[at].g - 1.0).abs() < 0.05);
+        let traced = noisy(2, 50);
+        let picture = Picture::blended(&film, &traced);
+        assert!(picture.traced_share() > 0.05 && picture.traced_share() < 1.0);
+        let mut sum = vec![Rgb::BLACK; film.size().pixel_count()];
+        for class in PathClass::ALL {
+            sum.iter_mut().zip(picture.layer(class)).for_each(|(sum, layer)| *sum += layer);
+        }
+        for (sum, whole) in sum.iter().zip(picture.radiance()) {
+            assert!((sum.g - whole.g).abs() < 1e-5);
+        }
+        let black = film_of(2, |_, _, _| 0.0);
+        assert!(Picture::blended(&black, &black).radiance().iter().all(|colour| colour.is_black()));
+    }
+
+    /// What two independent estimates of some pixels say of a picture is its squared error in the mean, noise and bias, though
+    /// each estimate is far noisier than the picture; weights count.
+    #[test]
+    fn gauged_pixels_measure_bias_and_noise() {
+        let size = PictureSize::new(64, 48).unwrap();
+        let mut measured = RunningStatistics::default();
+        let image = vec![Rgb::splat(1.1); size.pixel_count()];
+        let estimate = |seed: u64, pixel: u32| {
+            let [u, ..] = PixelSampler::new(seed, 0, pixel, 7).four(0);
+            f64::from(0.5 + u)
+        };
+        let mut held = 0;
+        for round in 0..200u64 {
+            let pixels: Vec<GaugedPixel> = (0..256)
+                .map(|pixel| GaugedPixel {
+                    index: 7 * pixel as usize,
+                    weight: if pixel % 2 == 0 { 0.5 } else { 1.5 },
+                    halves: [2 * round, 2 * round + 1].map(|seed| [estimate(seed, pixel); 3]),
+                })
+                .collect();
+            let error = measure_at(&image, size, &pixels).unwrap();
+            let [low, high] = error.interval_95;
+            held += u32::from(low <= TRUTH && TRUTH <= high);
+            assert!(error.rel_mse >= 0.0 && error.trimmed.is_none());
+            measured.add(error.rel_mse);
+        }
+        // 0.1² over the shown value's square and 1 % of it.
+        const TRUTH: f64 = 0.01 / (1.21 * 1.01);
+        assert!((measured.mean() - TRUTH).abs() < 4.0 * measured.standard_error() + 0.03 * TRUTH);
+        // 95 % of 200, less three deviations of a binomial.
+        assert!(held >= 180, "{held}");
+        assert!(measure_at(&image, size, &[]).is_none());
+    }
+}

@@ -1,0 +1,238 @@
+//! What path tracing says of a few pixels of a view, with many samples each: a measure of any picture of it.
+//!
+//! Pixels are taken in sets, each spread over the whole picture and drawn more often where error is expected, and traced twice
+//! with numbers of their own, so that the two means are independent of each other and of every film.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use rayon::prelude::*;
+
+use super::{Counts, PathSettings, Tracer, View, cpu::primary_ray};
+use crate::{
+    film::{GaugedPixel, PictureSize, PixelSample},
+    math::sobol::{self, PixelSampler},
+    transport::World,
+};
+
+/// Pixels of a set, about: enough for an interval.
+const SET_PIXELS: u32 = 64;
+/// Samples that one step adds to either half of each pixel of a set.
+const STEP_SAMPLES: u32 = 8;
+/// Sets of a gauge at most: 16,384 pixels.
+const SETS_MAX: usize = 256;
+/// A set counts beside the first once it has this share of its samples.
+const COUNTED_SHARE: f64 = 0.5;
+/// Share of the pixels of a set that are drawn evenly, wherever error is expected.
+const EVEN_SHARE: f64 = 0.5;
+
+/// Sequences of random numbers of the two halves.
+const HALVES: [u32; 2] = [0, 1];
+
+/// What samples cost and how they spread.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SampleCost {
+    /// Rays of all kinds, for one sample.
+    pub rays: f64,
+    /// Variance of one sample, relative as in the definition of the error, mean over pixels: divided by a number of samples
+    /// it is the relMSE that their noise makes.
+    pub variance: f64,
+}
+
+/// Truth at some pixels of one view.
+#[derive(Debug)]
+pub struct Gauge {
+    settings: PathSettings,
+    size: PictureSize,
+    sets: Vec<Set>,
+    rays: u64,
+    samples: u64,
+}
+
+#[derive(Debug)]
+struct Set {
+    points: Vec<Point>,
+    /// Samples of either half.
+    samples: u32,
+}
+
+#[derive(Clone, Debug)]
+struct Point {
+    x: u32,
+    y: u32,
+    /// Pixels that it stands for, over those that each would stand for if all stood for as many.
+    weight: f64,
+    /// Σ of the samples of either half.
+    halves: [[f64; 3]; 2],
+    /// Σ (a − b)² / 2 over pairs of samples, one of either half: each expects the variance of a sample.
+    spread: [f64; 3],
+}
+
+impl Gauge {
+    /// Nothing traced yet.
+    ///
+    /// - `settings`: the path tracer's; its numbers are others than those of pictures with the same seed
+    pub fn new(settings: PathSettings, size: PictureSize) -> Gauge {
+        let seed = sobol::mix(settings.seed ^ 0x6761_7567_6500);
+        let settings = PathSettings { seed, ..settings };
+        Gauge { settings, size, sets: Vec::new(), rays: 0, samples: 0 }
+    }
+
+    /// Adds samples to the set that has the fewest, or takes a new set once all have so many in either half.
+    ///
+    /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected;
+    ///   asked for only then. Whatever it says, the measure stays unbiased.
+    pub fn step(
+        &mut self,
+        world: &World,
+        view: &View,
+        samples_enough: f64,
+        expected: impl FnOnce() -> Vec<f32>,
+        cancel: &AtomicBool,
+    ) -> Counts {
+        if cancel.load(Ordering::Relaxed) {
+            return Counts::default();
+        }
+        let fewest = (0..self.sets.len()).min_by_key(|index| self.sets[*index].samples);
+        let index = match fewest {
+            Some(index) if f64::from(self.sets[index].samples) < samples_enough => index,
+            Some(index) if self.sets.len() >= SETS_MAX => index,
+            _ => {
+                let number = self.sets.len() as u32;
+                self.sets.push(Set::nth(number, self.size, self.settings.seed, &expected()));
+                self.sets.len() - 1
+            }
+        };
+        let secondary = None;
+        let tracer = Tracer { world, view: Some(view), settings: self.settings, secondary, near_blurs: 0.0 };
+        let width = self.size.width();
+        let set = &mut self.sets[index];
+        let numbers = set.samples..set.samples + STEP_SAMPLES;
+        let trace = |point: &mut Point| {
+            let mut counts = Counts::default();
+            numbers.clone().for_each(|number| point.add(&tracer, view, (number, width), &mut counts));
+            counts
+        };
+        // In order: sums do not depend on the threads.
+        let counts: Vec<Counts> = set.points.par_iter_mut().with_max_len(1).map(trace).collect();
+        set.samples += STEP_SAMPLES;
+        let counts: Counts = counts.into_iter().sum();
+        self.rays += counts.rays + counts.shadow_rays;
+        self.samples += counts.paths;
+        counts
+    }
+
+    /// Samples of either half that every counted pixel has, at least.
+    pub fn samples(&self) -> u32 {
+        self.counted().map(|set| set.samples).min().unwrap_or(0)
+    }
+
+    fn counted(&self) -> impl Iterator<Item = &Set> {
+        let most = self.sets.iter().map(|set| set.samples).max().unwrap_or(0);
+        self.sets.iter().filter(move |set| f64::from(set.samples) >= COUNTED_SHARE * f64::from(most))
+    }
+
+    /// The pixels and what is known of them.
+    pub fn pixels(&self) -> Vec<GaugedPixel> {
+        let width = self.size.width();
+        let of_set = |set: &Set| {
+            let count = f64::from(set.samples);
+            let of_point = move |point: &Point| GaugedPixel {
+                index: (point.y * width + point.x) as usize,
+                weight: point.weight,
+                halves: point.halves.map(|half| half.map(|sum| sum / count)),
+            };
+            set.points.iter().map(of_point).collect::<Vec<_>>()
+        };
+        self.counted().flat_map(of_set).collect()
+    }
+
+    /// Cost and noise of a path-traced sample; `None` before the first step, and while all is black.
+    pub fn cost(&self) -> Option<SampleCost> {
+        let points =
+            || self.sets.iter().flat_map(|set| set.points.iter().map(move |point| (set.samples, point)));
+        let mean_of = |(samples, point): (u32, &Point)| -> [f64; 3] {
+            std::array::from_fn(|c| (point.halves[0][c] + point.halves[1][c]) / (2.0 * f64::from(samples)))
+        };
+        let weights = points().map(|(_, point)| point.weight).sum::<f64>();
+        let sum = points().map(|of| of.1.weight * mean_of(of).iter().sum::<f64>()).sum::<f64>();
+        let mean = sum / (3.0 * weights);
+        if self.sets.is_empty() || mean <= 0.0 {
+            return None;
+        }
+        let floor = 0.01 * mean * mean;
+        let of_point = |(samples, point): (u32, &Point)| {
+            let mean = mean_of((samples, point));
+            let relative = |c: usize| point.spread[c] / f64::from(samples) / (mean[c] * mean[c] + floor);
+            point.weight * (0..3).map(relative).sum::<f64>() / 3.0
+        };
+        let variance = points().map(of_point).sum::<f64>() / weights;
+        Some(SampleCost { rays: self.rays as f64 / self.samples.max(1) as f64, variance })
+    }
+}
+
+impl Set {
+    /// The pixels of set `number`: one of each cell of a grid of nearly square cells over the picture.
+    fn nth(number: u32, size: PictureSize, seed: u64, expected: &[f32]) -> Set {
+        let columns = (f64::from(SET_PIXELS) * size.aspect()).sqrt().round() as u32;
+        let columns = columns.clamp(1, SET_PIXELS).min(size.width());
+        let rows = SET_PIXELS.div_ceil(columns).min(size.height());
+        let edge =
+            |cell: u32, count: u32, side: u32| (u64::from(cell) * u64::from(side) / u64::from(count)) as u32;
+        let even = size.pixel_count() as f64 / f64::from(rows * columns);
+        let cells = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        let points = cells.enumerate().map(|(cell, (column, row))| {
+            let [u, ..] = PixelSampler::new(seed, number, cell as u32, 0).four(u32::MAX);
+            let across = edge(column, columns, size.width())..edge(column + 1, columns, size.width());
+            let down = edge(row, rows, size.height())..edge(row + 1, rows, size.height());
+            let places: Vec<(u32, u32)> = down.flat_map(|y| across.clone().map(move |x| (x, y))).collect();
+            let wanted: Vec<f64> = places
+                .iter()
+                .map(|(x, y)| expected.get((y * size.width() + x) as usize).map_or(0.0, |e| f64::from(*e)))
+                .collect();
+            let (place, chance) = draw(&wanted, f64::from(u));
+            let (x, y) = places[place];
+            Point { x, y, weight: 1.0 / (chance * even), halves: [[0.0; 3]; 2], spread: [0.0; 3] }
+        });
+        Set { points: points.collect(), samples: 0 }
+    }
+}
+
+/// One of some places by what is wanted of them, none of them never; and the chance that it had.
+fn draw(wanted: &[f64], u: f64) -> (usize, f64) {
+    let count = wanted.len() as f64;
+    let sum = wanted.iter().filter(|wanted| wanted.is_finite()).sum::<f64>();
+    let chance = |place: usize| {
+        let share = wanted[place] / sum;
+        // Nothing is expected anywhere.
+        let share = if share.is_finite() { share } else { 1.0 / count };
+        EVEN_SHARE / count + (1.0 - EVEN_SHARE) * share
+    };
+    let mut left = u;
+    for place in 0..wanted.len() {
+        left -= chance(place);
+        if left < 0.0 {
+            return (place, chance(place));
+        }
+    }
+    (wanted.len() - 1, chance(wanted.len() - 1))
+}
+
+impl Point {
+    /// One sample to either half.
+    fn add(&mut self, tracer: &Tracer<'_>, view: &View, (number, width): (u32, u32), counts: &mut Counts) {
+        let pixel = self.y * width + self.x;
+        let [a, b]: [[f64; 3]; 2] = HALVES.map(|sequence| {
+            let sampler = PixelSampler::new(tracer.settings.seed, sequence, pixel, number);
+            let ray = primary_ray(view, self.x, self.y, &sampler);
+            let sample = tracer.sample_pixel(&ray, tracer.world.closest_hit(&ray), &sampler, counts);
+            // What a film would not take counts as black, as there.
+            let sample = if sample.is_sound() { sample } else { PixelSample::BLACK };
+            sample.total().to_array().map(f64::from)
+        });
+        for (half, sample) in self.halves.iter_mut().zip([a, b]) {
+            half.iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
+        }
+        let pairs = a.into_iter().zip(b);
+        self.spread.iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += (a - b).powi(2) / 2.0);
+    }
+}
