@@ -225,7 +225,8 @@ impl<'a> Job<'a> {
 
     fn set_alarm(&self, alarm: &Alarm, snapshots: Option<&Snapshots>) {
         let limit = self.rule.time.map(|time| time.as_secs_f64());
-        let due = snapshots.map(Snapshots::next_seconds);
+        // Without a limit of time no clock may decide where a pass is cut: snapshots then wait for its end.
+        let due = snapshots.filter(|_| limit.is_some()).map(Snapshots::next_seconds);
         let earliest = limit.into_iter().chain(due).reduce(f64::min);
         if let Some(moment) = earliest.and_then(|seconds| self.moment(seconds)) {
             alarm.set(moment);
@@ -245,13 +246,14 @@ impl<'a> Job<'a> {
     }
 
     fn facts_now(&self, rendering: &Rendering) -> PictureFacts {
-        let (error, error_ci, _) = statistics::shown_errors(rendering.measured_error());
+        let picture = rendering.picture();
+        let (error, error_ci, _) = statistics::shown_errors(rendering.measured_error_of(&picture));
         PictureFacts {
             // A file is a scene before its first edit.
             revision: 1,
             seed: self.args.seed,
             samples_per_pixel: rendering.passes(),
-            technique: rendering.technique_name(),
+            technique: rendering.technique_name(&picture),
             error,
             error_ci,
             seconds: None,
@@ -279,7 +281,9 @@ impl<'a> Job<'a> {
 
     fn statistics(&self, rendering: &Rendering, outcome: &Outcome) -> Statistics {
         let (counts, report) = (rendering.counts(), self.world.report());
-        let (error, error_ci, error_trimmed) = statistics::shown_errors(rendering.measured_error());
+        let picture = rendering.picture();
+        let (error, error_ci, error_trimmed) =
+            statistics::shown_errors(rendering.measured_error_of(&picture));
         let plan = EffectPlan::of(self.world.scene());
         let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
         let records = rendering.records();
@@ -290,7 +294,7 @@ impl<'a> Job<'a> {
             camera: self.camera.clone(),
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
-            technique: rendering.technique_name(),
+            technique: rendering.technique_name(&picture),
             backend: "cpu",
             adapter: None,
             threads: self.pool.current_num_threads(),

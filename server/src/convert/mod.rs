@@ -126,7 +126,7 @@ pub fn tone_map(tone_map: wire::ToneMap) -> film::ToneMap {
 pub fn indirect(technique: wire::Technique) -> Result<(render::Indirect, wire::Technique), wire::Problem> {
     use wire::Technique::{Auto, Irradiance, Lightmap, None, Octree, Path};
     match technique {
-        Auto => Ok((render::Indirect::Auto, Path)),
+        Auto => Ok((render::Indirect::Auto, Auto)),
         Octree => Ok((render::Indirect::Octree, Octree)),
         Irradiance => Ok((render::Indirect::Irradiance, Irradiance)),
         Path => Ok((render::Indirect::Path, Path)),

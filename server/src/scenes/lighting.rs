@@ -1,7 +1,7 @@
 //! What a scene knows of its light, kept for all its viewers while one of them looks through it.
 //!
 //! Lives on the render thread. Edits are followed by what they changed, so that light that no edit touched is not computed
-//! again; a scene that nobody looks at through the octree or irradiance records has none, and pays nothing.
+//! again; a scene that nobody looks at, or by path tracing alone, has none, and pays nothing.
 
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;

@@ -133,6 +133,7 @@ impl Painter {
             let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
             film.measured = None;
             film.offer_at_passes = 0;
+            film.relit_at_passes = film.layer.as_ref().map_or(0, |layer| layer.rendering.passes());
             for layer in film.layer.iter_mut().chain(&mut film.climb) {
                 layer.rendering.relight(known.clone(), outdated);
             }
@@ -216,7 +217,7 @@ impl Painter {
         let task = match (&film.layer, film.key == self.key_of(wish, snapshot, Some(film))) {
             (Some(layer), true) => {
                 let samples_max = self.scene.workshop.config.samples_max;
-                let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
+                let is_lit = self.is_lit(film);
                 film.next(layer, wish, snapshot, Rest { samples_max, is_lit })
             }
             _ => Task::Start,
@@ -225,6 +226,13 @@ impl Painter {
             (Task::Start | Task::Resend, Some(at)) => Task::Later(at),
             (task, _) => task,
         }
+    }
+
+    /// All is known of its light, and it is drawn with that.
+    fn is_lit(&self, film: &ViewerFilm) -> bool {
+        film.key.light().is_none_or(|light| {
+            self.lighting.is_complete(light) && film.light_generation == self.lighting.generation(light)
+        })
     }
 
     fn key_of(&self, wish: &Wish, snapshot: &Snapshot, film: Option<&ViewerFilm>) -> FilmKey {
@@ -411,7 +419,7 @@ impl Painter {
             let Ok(mut next) = divisor else { return };
             if self.pass(&mut next.rendering, film, cut) {
                 film.layer = Some(next);
-                film.offer_at_passes = 0;
+                (film.offer_at_passes, film.relit_at_passes) = (0, 0);
                 self.offer(viewer, film, wish, snapshot);
             } else {
                 film.climb = Some(next);
@@ -488,9 +496,10 @@ impl Painter {
         let Some(layer) = &film.layer else { return };
         let rendering = &layer.rendering;
         let passes = rendering.passes();
-        film.measured = rendering.measured_error();
-        let is_lit = film.key.light().is_none_or(|light| self.lighting.is_complete(light));
-        let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit };
+        let pool = &self.scene.workshop.drawing_pool;
+        let picture = pool.install(|| rendering.picture());
+        film.measured = pool.install(|| rendering.measured_error_of(&picture));
+        let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit: self.is_lit(film) };
         let converged = film.has_converged(layer, wish, rest);
         film.rests_at = (converged && film.is_lit_by_the_scene()).then_some(wish.target_error);
         let codec = frames::codec(wish.quality.codec, converged);
@@ -503,7 +512,7 @@ impl Painter {
             converged,
             at: Instant::now(),
         });
-        let (packer, picture) = (&mut film.packer, rendering.picture());
+        let packer = &mut film.packer;
         let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(&picture, &wish.quality, codec));
         let payload = match packed {
             Ok(payload) => payload,

@@ -210,7 +210,7 @@ impl Drawing {
                     revision: job.snapshot.revision,
                     seed,
                     samples_per_pixel: rendering.passes(),
-                    technique: rendering.technique_name(),
+                    technique: rendering.technique_name(&picture),
                     error,
                     error_ci: measured.map(|measured| measured.error_interval_95()),
                     seconds: Some(seconds),

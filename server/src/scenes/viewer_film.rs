@@ -16,6 +16,8 @@ use std::time::Instant;
 
 /// Passes before a measured error is believed: four in each of the two halves.
 const PASSES_BELIEVED: u32 = 8;
+/// Passes that show better light before a picture rests with it.
+const PASSES_RELIT: u32 = 8;
 /// A picture still black all over after so many passes is taken as black: its error cannot be measured.
 const PASSES_BLACK: u32 = 256;
 /// Passes after which a picture rests whose error is not noise: more would change nothing that is seen.
@@ -112,6 +114,8 @@ pub(super) struct ViewerFilm {
     pub(super) light_generation: u64,
     /// Of which scene that is.
     pub(super) light_epoch: u64,
+    /// Passes that it had then: some more are to show it before it rests.
+    pub(super) relit_at_passes: u32,
     /// It has converged to this error with what was known of the light: what others make known by looking elsewhere does not
     /// wake it.
     pub(super) rests_at: Option<f64>,
@@ -162,6 +166,7 @@ impl ViewerFilm {
             offer_at_passes: 0,
             light_generation: 0,
             light_epoch: 0,
+            relit_at_passes: 0,
             rests_at: None,
             measured: None,
             packer: Packer::default(),
@@ -179,6 +184,7 @@ impl ViewerFilm {
         self.offer_at_passes = 0;
         self.measured = None;
         self.rests_at = None;
+        self.relit_at_passes = 0;
     }
 
     /// It shows what is known of the scene's light, for all viewers alike.
@@ -212,7 +218,10 @@ impl ViewerFilm {
             None => passes >= PASSES_BLACK,
         };
         self.rests_at.is_some_and(|error| wish.target_error >= error)
-            || layer.divisor <= self.divisor_min && rest.is_lit && (reached || passes >= rest.samples_max)
+            || layer.divisor <= self.divisor_min
+                && rest.is_lit
+                && passes >= self.relit_at_passes + PASSES_RELIT
+                && (reached || passes >= rest.samples_max)
     }
 
     /// Whether a refined picture is worth sending.

@@ -48,6 +48,9 @@ impl MeasuredError {
         self.rel_mse.sqrt()
     }
 
+    /// A picture that is exactly right.
+    pub const NONE: MeasuredError = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: Some(0.0) };
+
     /// Whether a picture with this measure is as good as `target` (√relMSE): by the estimate, and surely not a tenth worse.
     pub fn reaches(&self, target: f64) -> bool {
         let [_, high] = self.error_interval_95();
@@ -84,15 +87,18 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
     let squared = film.image([0.0; 3], Pixel::squared_error_of_mean);
     let mean = shown.iter().flatten().sum::<f64>() / (3 * shown.len()) as f64;
     if mean <= 0.0 {
-        let none = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: Some(0.0) };
-        return (passes >= BLACK_PASSES).then_some(none);
+        return (passes >= BLACK_PASSES).then_some(MeasuredError::NONE);
     }
     let around = neighbourhood_mean(&shown, film.size().width() as usize);
     // Sums are taken in one order, one after the other: the figure does not depend on the threads.
-    let errors: Vec<f64> =
+    let mut errors: Vec<f64> =
         squared.par_iter().zip(&around).map(|(squared, around)| relative(*squared, *around, mean)).collect();
-    let trimmed = trimmed_mean(&mut errors.clone());
-    Some(MeasuredError { trimmed: Some(trimmed), ..of_pixels(&errors) })
+    let (rel_mse, standard_error) = mean_and_standard_error(&errors);
+    Some(MeasuredError {
+        rel_mse,
+        interval_95: interval_95(rel_mse, standard_error.hypot(WEIGHT_DEVIATION * rel_mse)),
+        trimmed: Some(trimmed_mean(&mut errors)),
+    })
 }
 
 /// Squared error of a pixel over what stands for the square of the truth there, mean over the channels.

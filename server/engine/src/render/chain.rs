@@ -25,6 +25,8 @@ const DECIDED_GROWTH: f64 = 0.125;
 /// More pixels instead of more samples for those there are, once these are as well known as the picture is, and with so many
 /// samples in any case: at equal cost that leaves the least doubt of the mean.
 const SAMPLES_ENOUGH: [f64; 2] = [32.0, 16_384.0];
+/// Passes after which a picture that is black all over counts as truly black.
+const BLACK_PASSES: u32 = 64;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
 const NOISE_NEGLIGIBLE: f64 = 0.02;
 
@@ -34,11 +36,18 @@ pub(super) struct Measuring {
     gauge: Gauge,
     rays: u64,
     samples_enough: f64,
+    /// Where error is expected, and the film's passes when it was found.
+    expected: (u32, Vec<f32>),
 }
 
 impl Measuring {
     pub(super) fn new(settings: PathSettings, size: PictureSize) -> Measuring {
-        Measuring { gauge: Gauge::new(settings, size), rays: 0, samples_enough: SAMPLES_ENOUGH[0] }
+        Measuring {
+            gauge: Gauge::new(settings, size),
+            rays: 0,
+            samples_enough: SAMPLES_ENOUGH[0],
+            expected: (0, Vec::new()),
+        }
     }
 
     /// Measures until its share of `rays_spent` is used up.
@@ -54,8 +63,11 @@ impl Measuring {
     ) -> Counts {
         let mut all = Counts::default();
         while (self.rays as f64) < GAUGE_SHARE * rays_spent as f64 {
-            let expected = || expected_error(film);
-            let counts = self.gauge.step(world, view, self.samples_enough, expected, cancel);
+            // Looked for anew when the film has twice the passes: it takes a look at every pixel.
+            if film.passes_min() >= 2 * self.expected.0.max(1) {
+                self.expected = (film.passes_min(), expected_error(film));
+            }
+            let counts = self.gauge.step(world, view, self.samples_enough, &self.expected.1, cancel);
             if counts == Counts::default() {
                 return all;
             }
@@ -66,11 +78,22 @@ impl Measuring {
     }
 
     /// The error of a picture of the view; `None` while too little is known.
-    pub(super) fn error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
+    ///
+    /// - `film`: the looked-up film in it
+    pub(super) fn error_of(&self, picture: &Picture<'_>, film: &Film) -> Option<MeasuredError> {
         if self.gauge.samples() < SAMPLES_BELIEVED {
             return None;
         }
-        measure_at(&picture.radiance(), picture.size(), &self.gauge.pixels())
+        let radiance = picture.radiance();
+        // Nothing is seen, and nothing found where there might be something.
+        if radiance.iter().all(|colour| colour.is_black()) {
+            let is_black = self.gauge.is_black() && film.passes_min() >= BLACK_PASSES;
+            return is_black.then_some(MeasuredError::NONE);
+        }
+        let error = measure_at(&radiance, picture.size(), &self.gauge.pixels())?;
+        // No difference at any of the pixels says nothing of the others, unless none of them has any noise.
+        let says_nothing = error.interval_95 == [0.0; 2] && film.noise().is_none_or(|(noise, _)| noise > 0.0);
+        (!says_nothing).then_some(error)
     }
 }
 
@@ -140,7 +163,7 @@ impl Outlook {
     ) -> Option<Outlook> {
         let cost = measuring.gauge.cost()?;
         let (noise, passes) = film.noise()?;
-        let by_gauge = measuring.error_of(&Picture::of(film))?;
+        let by_gauge = measuring.error_of(&Picture::of(film), film)?;
         let by_tracing =
             traced.and_then(|(traced, _)| Picture::blended(film, traced).measured_error_of_film());
         let error = by_tracing.map_or(by_gauge, |error| by_gauge.surer(error)).rel_mse;

@@ -351,11 +351,15 @@ impl Rendering {
 
     /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
     /// differ; of looked-up light, by path tracing some pixels, or, once that knows better, by the path-traced film in it.
-    /// Takes some 0.1 µs a pixel: ask a few times a second, not for every frame.
+    /// Takes some tenths of a microsecond a pixel: ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
+        self.measured_error_of(&self.picture())
+    }
+
+    /// The same, of what [`Rendering::picture`] returned.
+    pub fn measured_error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
         let Some(measuring) = &self.measuring else { return self.film.measured_error() };
-        let picture = self.picture();
-        let by_either = [measuring.error_of(&picture), picture.measured_error()];
+        let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
         by_either.into_iter().flatten().reduce(MeasuredError::surer)
     }
 
@@ -422,10 +426,10 @@ impl Rendering {
         std::iter::once(&self.film).chain(&self.traced)
     }
 
-    /// Name of what the picture is made by.
-    pub fn technique_name(&self) -> &'static str {
+    /// Name of what a picture that [`Rendering::picture`] returned is made by.
+    pub fn technique_name(&self, picture: &Picture<'_>) -> &'static str {
         let looked_up = self.technique.card().name;
-        match (self.picture().traced_share(), looked_up) {
+        match (picture.traced_share(), looked_up) {
             (share, _) if share < SHARE_SHOWN => looked_up,
             (share, _) if share > 1.0 - SHARE_SHOWN => "path",
             (_, "octree") => "octree+path",

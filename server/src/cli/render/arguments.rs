@@ -48,8 +48,8 @@ pub struct RenderArgs {
     /// Stop at this many samples per pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub samples: Option<u32>,
-    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out. With --indirect octree
-    /// or irradiance the bound on what a surface receives takes no account of mirrors and glass between it and the eye
+    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out. With --indirect auto,
+    /// octree and irradiance the bound on what a surface receives takes no account of mirrors and glass between it and the eye
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Names the random numbers

@@ -34,7 +34,7 @@ pub(super) struct Statistics {
     pub(super) seed: u64,
     /// Samples that every pixel has.
     pub(super) samples_per_pixel: u32,
-    /// What ended it: samples, time, error or black.
+    /// What ended it: samples, time, error, or best: the technique cannot reach the error.
     pub(super) stopped_by: &'static str,
     /// Measured error, √relMSE, as a share.
     pub(super) error: Option<f64>,

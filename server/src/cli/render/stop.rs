@@ -61,8 +61,16 @@ impl StopRule {
         if self.samples.is_some_and(|samples| passes >= samples) && rendering.knows_its_light() {
             return Some(StopReason::Samples);
         }
-        self.by_error(passes, || rendering.measured_error())
-            .or_else(|| (self.error.is_some() && rendering.is_at_its_best()).then_some(StopReason::Best))
+        let mut measured = None;
+        let by_error = self.by_error(passes, || {
+            measured = rendering.measured_error();
+            measured
+        });
+        let is_out_of_reach = || {
+            let (error, target) = (measured?, self.error?);
+            (rendering.is_at_its_best() && is_surely_above(&error, target)).then_some(StopReason::Best)
+        };
+        by_error.or_else(is_out_of_reach)
     }
 
     /// Whether so many passes are done by their error.
@@ -78,8 +86,17 @@ impl StopRule {
     }
 }
 
+/// Interval of an error, high over low, that is narrow enough to say on which side of another one it lies.
+const NARROW: f64 = 1.3;
+
+/// The error is above the target, and not only because little is known of it.
+fn is_surely_above(error: &MeasuredError, target: f64) -> bool {
+    let [low, high] = error.error_interval_95();
+    error.error() > target && (low > target || high < NARROW * low)
+}
+
 /// The measured error is looked at about every 6 % of the samples: often enough to waste little, seldom enough that
-/// waiting for a lucky value gains nothing. Even counts only: there the halves are equal.
+/// waiting for a lucky value gains nothing. Even counts only: there the halves of a path-traced film are equal.
 fn is_check_point(passes: u32) -> bool {
     let step = (passes / 16).next_power_of_two().max(2);
     passes >= ERROR_SAMPLES_MIN && passes.is_multiple_of(step)

@@ -25,9 +25,6 @@ const COUNTED_SHARE: f64 = 0.5;
 /// Share of the pixels of a set that are drawn evenly, wherever error is expected.
 const EVEN_SHARE: f64 = 0.5;
 
-/// Sequences of random numbers of the two halves.
-const HALVES: [u32; 2] = [0, 1];
-
 /// What samples cost and how they spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleCost {
@@ -79,14 +76,14 @@ impl Gauge {
 
     /// Adds samples to the set that has the fewest, or takes a new set once all have so many in either half.
     ///
-    /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected;
-    ///   asked for only then. Whatever it says, the measure stays unbiased.
+    /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected, or
+    ///   nothing. Whatever it says, the measure stays unbiased.
     pub fn step(
         &mut self,
         world: &World,
         view: &View,
         samples_enough: f64,
-        expected: impl FnOnce() -> Vec<f32>,
+        expected: &[f32],
         cancel: &AtomicBool,
     ) -> Counts {
         if cancel.load(Ordering::Relaxed) {
@@ -98,7 +95,7 @@ impl Gauge {
             Some(index) if self.sets.len() >= SETS_MAX => index,
             _ => {
                 let number = self.sets.len() as u32;
-                self.sets.push(Set::nth(number, self.size, self.settings.seed, &expected()));
+                self.sets.push(Set::nth(number, self.size, self.settings.seed, expected));
                 self.sets.len() - 1
             }
         };
@@ -107,9 +104,13 @@ impl Gauge {
         let width = self.size.width();
         let set = &mut self.sets[index];
         let numbers = set.samples..set.samples + STEP_SAMPLES;
+        // A pixel that another set has as well is traced with other numbers there.
+        let sequences = [2 * index as u32, 2 * index as u32 + 1];
         let trace = |point: &mut Point| {
             let mut counts = Counts::default();
-            numbers.clone().for_each(|number| point.add(&tracer, view, (number, width), &mut counts));
+            numbers
+                .clone()
+                .for_each(|number| point.add(&tracer, (view, width), sequences, number, &mut counts));
             counts
         };
         // In order: sums do not depend on the threads.
@@ -124,6 +125,12 @@ impl Gauge {
     /// Samples of either half that every counted pixel has, at least.
     pub fn samples(&self) -> u32 {
         self.counted().map(|set| set.samples).min().unwrap_or(0)
+    }
+
+    /// No sample of any pixel brought light.
+    pub fn is_black(&self) -> bool {
+        let is_black = |point: &Point| point.halves.as_flattened().iter().all(|sum| *sum == 0.0);
+        self.sets.iter().flat_map(|set| &set.points).all(is_black)
     }
 
     fn counted(&self) -> impl Iterator<Item = &Set> {
@@ -219,9 +226,16 @@ fn draw(wanted: &[f64], u: f64) -> (usize, f64) {
 
 impl Point {
     /// One sample to either half.
-    fn add(&mut self, tracer: &Tracer<'_>, view: &View, (number, width): (u32, u32), counts: &mut Counts) {
+    fn add(
+        &mut self,
+        tracer: &Tracer<'_>,
+        (view, width): (&View, u32),
+        sequences: [u32; 2],
+        number: u32,
+        counts: &mut Counts,
+    ) {
         let pixel = self.y * width + self.x;
-        let [a, b]: [[f64; 3]; 2] = HALVES.map(|sequence| {
+        let [a, b]: [[f64; 3]; 2] = sequences.map(|sequence| {
             let sampler = PixelSampler::new(tracer.settings.seed, sequence, pixel, number);
             let ray = primary_ray(view, self.x, self.y, &sampler);
             let sample = tracer.sample_pixel(&ray, tracer.world.closest_hit(&ray), &sampler, counts);
@@ -234,5 +248,53 @@ impl Point {
         }
         let pairs = a.into_iter().zip(b);
         self.spread.iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += (a - b).powi(2) / 2.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::samples;
+    use std::sync::Arc;
+
+    /// Whatever error is expected where, every picture's size has pixels in it, and weighed they stand for all of its pixels:
+    /// the weighted mean of any image is its mean.
+    #[test]
+    fn sets_stand_for_the_whole_picture() {
+        for (width, height) in [(1, 1), (3, 500), (64, 48), (640, 3)] {
+            let size = PictureSize::new(width, height).unwrap();
+            let image = |x: u32, y: u32| 1.0 + f64::from(x * x + 3 * y);
+            let mean = (0..height).flat_map(|y| (0..width).map(move |x| image(x, y))).sum::<f64>()
+                / size.pixel_count() as f64;
+            let mut expected: Vec<f32> = (0..size.pixel_count()).map(|i| (i % 7) as f32).collect();
+            expected[0] = f32::INFINITY;
+            for expected in [vec![], vec![0.0; size.pixel_count()], expected] {
+                let sets: Vec<Set> = (0..400).map(|number| Set::nth(number, size, 1, &expected)).collect();
+                let points = || sets.iter().flat_map(|set| &set.points);
+                let count = points().count() as f64;
+                let sum = points().map(|point| point.weight * image(point.x, point.y)).sum::<f64>();
+                assert!((sum / count / mean - 1.0).abs() < 0.02, "{width}×{height}: {}", sum / count / mean);
+                // Cells differ by a row and a column.
+                assert!(points().all(|point| point.weight <= 4.0 / EVEN_SHARE), "{width}×{height}");
+            }
+        }
+    }
+
+    /// Pixels that come again are traced with other numbers, and new sets begin once there are samples enough.
+    #[test]
+    fn what_comes_again_is_traced_anew() {
+        let world = World::prepare(Arc::new(samples::boxes().unwrap()));
+        let size = PictureSize::new(1, 1).unwrap();
+        let view = View::new(&world, &world.scene().camera_view(None).unwrap(), size);
+        let classes = super::super::PathClasses::All;
+        let mut gauge = Gauge::new(PathSettings { classes, bounces_max: None, seed: 0 }, size);
+        let never = AtomicBool::new(false);
+        (0..8).for_each(|_| {
+            gauge.step(&world, &view, 16.0, &[], &never);
+        });
+        let pixels = gauge.pixels();
+        assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));
+        assert!(pixels.windows(2).all(|pair| pair[0].halves != pair[1].halves));
+        assert!(gauge.cost().unwrap().variance > 0.0);
     }
 }
