@@ -112,17 +112,27 @@ pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
 
 /// The error of a picture from the relative squared errors of some or all of its pixels.
 ///
-/// The mean of estimates that need not be positive may be next to nothing, or less, by chance. What is then known is that the
-/// error is not negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
+/// Errors are skewed to the right: mean and deviation are taken for those of a lognormal distribution. The mean of estimates
+/// that need not be positive may also be next to nothing, or less, by chance. What is then known is that the error is not
+/// negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
 pub(super) fn of_pixels(errors: &[f64]) -> MeasuredError {
     let (mean, standard_error) = mean_and_standard_error(errors);
     let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean);
-    if Z * deviation < mean || deviation <= 0.0 {
-        let rel_mse = mean.max(0.0);
-        return MeasuredError { rel_mse, interval_95: interval_95(rel_mse, deviation), trimmed: None };
+    if deviation <= 0.0 {
+        return MeasuredError { rel_mse: mean.max(0.0), interval_95: [mean.max(0.0); 2], trimmed: None };
+    }
+    let z = mean / deviation;
+    if z >= RESOLVED {
+        let variance = (1.0 / (z * z)).ln_1p();
+        let (median, factor) = (mean * (-variance / 2.0).exp(), (Z * variance.sqrt()).exp());
+        return MeasuredError {
+            rel_mse: mean,
+            interval_95: [median / factor, median * factor],
+            trimmed: None,
+        };
     }
     // Farther below zero than this no normal distribution comes by chance.
-    let z = (mean / deviation).max(-3.0);
+    let z = z.max(-3.0);
     let [rel_mse, high] = [cut_normal_mean(z), cut_normal_quantile(z, 0.975)].map(|value| value * deviation);
     MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
 }
@@ -176,6 +186,8 @@ fn added(sum: [f64; 3], value: &[f64; 3]) -> [f64; 3] {
 const WEIGHT_DEVIATION: f64 = 0.07;
 /// How far above the error asked for the true one may be.
 const SURENESS: f64 = 1.1;
+/// A mean so many times its deviation above zero is not there by chance alone.
+const RESOLVED: f64 = 1.25;
 /// 97.5 % quantile of the normal distribution.
 const Z: f64 = 1.959_964;
 /// Pixels to either side that count as neighbours. With 1 the weights are still noisy (the glass sphere at 16 samples

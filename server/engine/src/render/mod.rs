@@ -363,6 +363,11 @@ impl Rendering {
         by_either.into_iter().flatten().reduce(MeasuredError::surer)
     }
 
+    /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.
+    pub fn is_looked_up(&self) -> bool {
+        self.measuring.is_some()
+    }
+
     /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
     pub fn is_at_its_best(&self) -> bool {
         let is_biased = matches!(self.settings.indirect, Indirect::Octree | Indirect::Irradiance);

@@ -43,6 +43,8 @@ pub(super) struct StopRule {
 /// Before this many samples per pixel the measured error ends nothing: light that one path in ten finds is still
 /// missing from a fifth of the pixels (0.9¹⁶), and a pixel that has not found it believes to be done.
 const ERROR_SAMPLES_MIN: u32 = 16;
+/// Looked-up light is measured by many samples of other pixels: there is nothing to wait for.
+const LOOKED_UP_SAMPLES_MIN: u32 = 2;
 
 impl StopRule {
     /// The bounds asked for; 2 % error or 60 seconds when none is.
@@ -62,7 +64,8 @@ impl StopRule {
             return Some(StopReason::Samples);
         }
         let mut measured = None;
-        let by_error = self.by_error(passes, || {
+        let passes_min = if rendering.is_looked_up() { LOOKED_UP_SAMPLES_MIN } else { ERROR_SAMPLES_MIN };
+        let by_error = self.by_error(passes, passes_min, || {
             measured = rendering.measured_error();
             measured
         });
@@ -74,9 +77,14 @@ impl StopRule {
     }
 
     /// Whether so many passes are done by their error.
-    fn by_error(&self, passes: u32, measured: impl FnOnce() -> Option<MeasuredError>) -> Option<StopReason> {
+    fn by_error(
+        &self,
+        passes: u32,
+        passes_min: u32,
+        measured: impl FnOnce() -> Option<MeasuredError>,
+    ) -> Option<StopReason> {
         let target = self.error?;
-        if !is_check_point(passes) {
+        if passes < passes_min || !is_check_point(passes) {
             return None;
         }
         match measured() {
@@ -99,7 +107,7 @@ fn is_surely_above(error: &MeasuredError, target: f64) -> bool {
 /// waiting for a lucky value gains nothing. Even counts only: there the halves of a path-traced film are equal.
 fn is_check_point(passes: u32) -> bool {
     let step = (passes / 16).next_power_of_two().max(2);
-    passes >= ERROR_SAMPLES_MIN && passes.is_multiple_of(step)
+    passes >= LOOKED_UP_SAMPLES_MIN && passes.is_multiple_of(step)
 }
 
 #[cfg(test)]
@@ -121,7 +129,7 @@ mod tests {
     }
 
     fn is_done(rule: &StopRule, film: &Film) -> Option<StopReason> {
-        rule.by_error(film.passes_min(), || film.measured_error())
+        rule.by_error(film.passes_min(), ERROR_SAMPLES_MIN, || film.measured_error())
     }
 
     /// Each bound ends the rendering by itself, and nothing ends it before.
@@ -144,12 +152,12 @@ mod tests {
         assert_eq!(StopRule::new(Some(1), None, None).time, None);
     }
 
-    /// Checks are at even counts, at most 13 % apart, at any count.
+    /// Checks are at even counts, at most 13 % apart from 16 on.
     #[test]
     fn checks_are_even_and_never_far_apart() {
         let checks: Vec<u32> = (1..100_000).filter(|passes| is_check_point(*passes)).collect();
-        assert_eq!(checks[0], ERROR_SAMPLES_MIN);
+        assert_eq!(checks[0], LOOKED_UP_SAMPLES_MIN);
         assert!(checks.iter().all(|passes| passes % 2 == 0));
-        assert!(checks.windows(2).all(|pair| f64::from(pair[1]) <= f64::from(pair[0]) * 1.13));
+        assert!(checks.windows(2).all(|pair| f64::from(pair[1]) <= (f64::from(pair[0]) * 1.13).max(16.0)));
     }
 }
