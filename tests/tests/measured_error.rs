@@ -66,7 +66,7 @@ impl Subject {
         let rays_max = rays_a_pixel * self.size.pixel_count() as u64;
         let is_enough = |rendering: &Rendering| {
             let counts = rendering.counts();
-            rendering.passes() >= 4 && counts.rays + counts.shadow_rays >= rays_max
+            rendering.passes() >= 4 && counts.all_rays() >= rays_max
         };
         while !is_enough(&rendering) {
             rendering.step(&AtomicBool::new(false));

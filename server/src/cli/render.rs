@@ -315,7 +315,7 @@ impl<'a> Job<'a> {
                 ..Seconds::default()
             },
             counts: Counts {
-                rays: counts.rays + counts.shadow_rays,
+                rays: counts.all_rays(),
                 shadow_rays: counts.shadow_rays,
                 paths: counts.paths,
                 dropped_samples: rendering.dropped_samples(),

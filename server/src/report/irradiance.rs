@@ -104,7 +104,7 @@ fn made(prepared: &Prepared, size: PictureSize, settings: &RenderSettings, of: I
         light: learner.known().cloned(),
         records: learner.records(),
         photons,
-        ray_count: counts.rays + counts.shadow_rays,
+        ray_count: counts.all_rays(),
     }
 }
 

@@ -196,7 +196,7 @@ impl Lighting {
             workshop.drawing_pool.install(|| lit.learner.step(&lit.world, &never));
             lit.seconds += start.elapsed().as_secs_f64();
             let counts = lit.learner.counts() - before;
-            workshop.metrics.rays.add(counts.rays + counts.shadow_rays);
+            workshop.metrics.rays.add(counts.all_rays());
             lit.follow(&mut self.generation);
             has_learnt = true;
             if Instant::now() >= end || is_news() {

@@ -455,7 +455,7 @@ impl Painter {
         film.speed.measure(samples, seconds);
         if seconds > 1e-3 {
             let counts = rendering.counts();
-            let rays = counts.rays + counts.shadow_rays - before.rays - before.shadow_rays;
+            let rays = (counts - before).all_rays();
             film.rays_per_second = rays as f64 / seconds;
         }
         complete
@@ -485,7 +485,7 @@ impl Painter {
         let counts = rendering.counts();
         if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
         metrics.samples.add(samples);
-        metrics.rays.add(counts.rays + counts.shadow_rays - counts_before.rays - counts_before.shadow_rays);
+        metrics.rays.add((counts - counts_before).all_rays());
         metrics.render_us.add((seconds * 1e6) as u64);
         self.speed.measure(samples, seconds);
         (progress.complete, samples, seconds)

@@ -74,7 +74,7 @@ impl MeasuredError {
 
 /// Passes after which a picture that is black all over counts as truly black, error 0: before, light may just not have
 /// been found yet.
-const BLACK_PASSES: u32 = 64;
+pub const BLACK_PASSES: u32 = 64;
 
 /// The noise of a film. `None` when the halves of a tile hold fewer than two passes, or all is black and they hold fewer than
 /// [`BLACK_PASSES`].

@@ -8,7 +8,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::{
-    film::{Film, MeasuredError, Picture, PictureSize, measure_at},
+    film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at},
     technique::{
         Counts, View,
         path::{Gauge, PathSettings},
@@ -25,8 +25,6 @@ const DECIDED_GROWTH: f64 = 0.125;
 /// More pixels instead of more samples for those there are, once these are as well known as the picture is, and with so many
 /// samples in any case: at equal cost that leaves the least doubt of the mean.
 const SAMPLES_ENOUGH: [f64; 2] = [32.0, 16_384.0];
-/// Passes after which a picture that is black all over counts as truly black.
-const BLACK_PASSES: u32 = 64;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
 const NOISE_NEGLIGIBLE: f64 = 0.02;
 
@@ -71,7 +69,7 @@ impl Measuring {
             if counts == Counts::default() {
                 return all;
             }
-            self.rays += counts.rays + counts.shadow_rays;
+            self.rays += counts.all_rays();
             all += counts;
         }
         all

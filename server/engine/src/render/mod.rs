@@ -217,7 +217,7 @@ impl Rendering {
         // What it draws with was handed to the technique; it makes nothing for others.
         let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
         let progress = self.technique.step(&mut step);
-        self.looked_up_rays += rays_of(progress.counts);
+        self.looked_up_rays += progress.counts.all_rays();
         progress
     }
 
@@ -231,7 +231,7 @@ impl Rendering {
         let settings = all_paths(&self.settings);
         let settings = PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings };
         let progress = PathTracer::new(settings).step(&mut step);
-        self.traced_rays += rays_of(progress.counts);
+        self.traced_rays += progress.counts.all_rays();
         progress
     }
 
@@ -251,7 +251,7 @@ impl Rendering {
         if self.knows_its_light() || self.is_late() {
             return outlook.turn();
         }
-        let spent = rays_of(self.counts);
+        let spent = self.counts.all_rays();
         // What is learnt makes the picture better by nobody knows how much: path tracing gets half of the work if it would
         // have done better with all of it.
         let is_behind = outlook.tracing_would_have_done(spent);
@@ -261,7 +261,7 @@ impl Rendering {
     /// Keeps the measure of the error up with the rest of the work.
     fn measure(&mut self, cancel: &AtomicBool) {
         let Some(measuring) = &mut self.measuring else { return };
-        let spent = rays_of(self.counts);
+        let spent = self.counts.all_rays();
         self.counts += measuring.keep_up(&self.world, &self.view, &self.film, spent, cancel);
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
@@ -313,7 +313,7 @@ impl Rendering {
     fn work(&self, start: Instant, before: Counts) -> f64 {
         match self.settings.learning {
             Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
-            Learning::First | Learning::InStep => rays_of(self.counts - before) as f64,
+            Learning::First | Learning::InStep => (self.counts - before).all_rays() as f64,
         }
     }
 
@@ -442,10 +442,6 @@ impl Rendering {
             (_, _) => "path",
         }
     }
-}
-
-fn rays_of(counts: Counts) -> u64 {
-    counts.rays + counts.shadow_rays
 }
 
 /// Settings of a path tracer of all that is to be seen.

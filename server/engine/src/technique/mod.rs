@@ -58,6 +58,13 @@ pub struct Counts {
     pub paths: u64,
 }
 
+impl Counts {
+    /// Rays of both kinds.
+    pub fn all_rays(&self) -> u64 {
+        self.rays + self.shadow_rays
+    }
+}
+
 impl Add for Counts {
     type Output = Counts;
     fn add(self, o: Counts) -> Counts {

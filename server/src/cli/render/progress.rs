@@ -40,7 +40,7 @@ impl Progress {
         let error = rendering.measured_error().map(|error| error.error());
         let done = done_share(&self.rule, rendering.passes(), seconds, error);
         let counts = rendering.counts();
-        let rays_per_second = (counts.rays + counts.shadow_rays) as f64 / seconds.max(1e-9);
+        let rays_per_second = counts.all_rays() as f64 / seconds.max(1e-9);
         let error = error.map_or("–".into(), |error| format!("{:.2} %", error * 100.0));
         let left =
             if done > 0.0 { format!("{:.0} s left", seconds * (1.0 - done) / done) } else { "…".into() };

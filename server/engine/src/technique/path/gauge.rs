@@ -117,7 +117,7 @@ impl Gauge {
         let counts: Vec<Counts> = set.points.par_iter_mut().with_max_len(1).map(trace).collect();
         set.samples += STEP_SAMPLES;
         let counts: Counts = counts.into_iter().sum();
-        self.rays += counts.rays + counts.shadow_rays;
+        self.rays += counts.all_rays();
         self.samples += counts.paths;
         counts
     }
