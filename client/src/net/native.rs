@@ -274,7 +274,9 @@ mod tests {
             let _ = stream.read(&mut [0; 4096]);
             let body = r#"{"type":"urn:lumicast:problem:not-found","title":"There is no such thing","status":404,"detail":"no scene \"a\""}"#;
             let head = "HTTP/1.1 404 Not Found\r\nContent-Type: application/problem+json\r\n";
-            write!(stream, "{head}Content-Length: {}\r\n\r\n{body}", body.len()).unwrap();
+            let answer = format!("{head}Content-Length: {}\r\n\r\n{body}", body.len());
+            // In one write, as servers do: tungstenite's handshake keeps of a body only what came with the head.
+            stream.write_all(answer.as_bytes()).unwrap();
         });
         let (wake, woken) = wake();
         let mut wire = Native.open(&format!("ws://{address}/"), wake.clone());
