@@ -69,7 +69,7 @@ fn measure(name: &str, scene: Scene) {
     let settings = emitting_for(&world, PHOTONS);
     let tracing = trace(&world, settings);
     tracing_against_rays(&world, settings, &tracing);
-    let products = Products { photons: Some(tracing.product().clone()), secondary: None };
+    let products = Products { photons: Some(tracing.product().clone()), ..Products::default() };
     let octree = build(&world, &products, settings.emitted_count, 4);
     let octree = build(&world, &products, settings.emitted_count, 6).or(octree);
     if let Some(octree) = octree {

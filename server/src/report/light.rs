@@ -108,7 +108,7 @@ fn build_once(world: &World, photons: &Photons, shape: Shape) -> Option<Built> {
     .gathering(count(shape.neighbour_count));
     let start = Instant::now();
     let mut building = OctreeBuilding::new(settings);
-    let mut products = Products { photons: Some(photons.product().clone()), secondary: None };
+    let mut products = Products { photons: Some(photons.product().clone()), ..Products::default() };
     let never = AtomicBool::new(false);
     let mut step = Step { world, products: &mut products, canvas: None, cancel: &never };
     while !building.step(&mut step).complete {}

@@ -25,7 +25,7 @@ pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
 
-use pixel::{Held, Pixel};
+use pixel::{Held, Pixel, SECONDARY};
 
 /// Width and height of a picture in pixels, each in 1 ..= [`PictureSize::SIDE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -130,10 +130,10 @@ impl Film {
         &mut self.tiles
     }
 
-    /// Lets the passes to come replace the light that comes by way of other surfaces (caustics and indirect light), since
-    /// more is known of it now. What was sampled of light seen directly and direct light stays.
-    pub fn outdate_secondary(&mut self, outdated: Outdated) {
-        self.tiles.iter_mut().for_each(|tile| tile.outdate_secondary(outdated));
+    /// Lets the passes to come replace light of `classes`, of those that come by way of other surfaces (caustics and indirect
+    /// light), since more is known of it now. What was sampled of the others stays.
+    pub fn outdate(&mut self, classes: &[PathClass], outdated: Outdated) {
+        self.tiles.iter_mut().for_each(|tile| tile.outdate(classes, outdated));
     }
 
     /// Passes that every pixel has.

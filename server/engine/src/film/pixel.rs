@@ -46,13 +46,16 @@ impl PixelSample {
     }
 }
 
+/// Classes of light that comes by way of other surfaces: what is sampled of it may be replaced.
+pub(super) const SECONDARY: [PathClass; 2] = [PathClass::Caustic, PathClass::Indirect];
+
 /// How many passes a tile's sums hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Held {
     /// Passes.
     pub(super) passes: u32,
-    /// Those whose secondary light was forgotten.
-    pub(super) forgotten: u32,
+    /// Those whose secondary light was forgotten, in the order of [`SECONDARY`].
+    pub(super) forgotten: [u32; SECONDARY.len()],
     /// Those that came before the halves were begun anew.
     pub(super) before_halves: u32,
 }
@@ -62,7 +65,8 @@ impl Held {
     fn of(self, class: PathClass) -> u32 {
         match class {
             PathClass::Emitted | PathClass::Direct => self.passes,
-            PathClass::Caustic | PathClass::Indirect => self.passes - self.forgotten,
+            PathClass::Caustic => self.passes - self.forgotten[0],
+            PathClass::Indirect => self.passes - self.forgotten[1],
         }
     }
 
@@ -117,12 +121,10 @@ impl Pixel {
         }
     }
 
-    /// Scales the sums of the light that comes by way of other surfaces, and begins the halves anew.
-    pub(super) fn scale_secondary(&mut self, share: f64) {
+    /// Scales the sums of a class, and begins the halves anew.
+    pub(super) fn scale(&mut self, class: PathClass, share: f64) {
         self.half_difference = [0.0; 3];
-        for class in [PathClass::Caustic, PathClass::Indirect] {
-            self.radiance_sum[class as usize].iter_mut().for_each(|sum| *sum *= share);
-        }
+        self.radiance_sum[class as usize].iter_mut().for_each(|sum| *sum *= share);
     }
 
     /// Welford's step with the means taken from the sums, so that they need no place of their own:
@@ -144,7 +146,7 @@ impl Pixel {
 
     /// Mean radiance over all classes; zero before the first pass.
     pub(super) fn total_mean(&self, held: Held) -> [f64; 3] {
-        if held.forgotten == 0 {
+        if held.forgotten == [0; SECONDARY.len()] {
             return self.total_sum().map(|sum| sum / f64::from(held.passes.max(1)));
         }
         let mut total = [0.0; 3];

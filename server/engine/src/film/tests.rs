@@ -143,8 +143,8 @@ fn outdated_light_counts_for_two_passes() {
     };
     let mut film = film(20, 20);
     (0..8).for_each(|_| pass(&mut film, |_, _, _| of(5.0)));
-    film.outdate_secondary(Outdated::Rough);
-    film.outdate_secondary(Outdated::Rough);
+    film.outdate(&SECONDARY, Outdated::Rough);
+    film.outdate(&SECONDARY, Outdated::Rough);
     assert!(film.layer(PathClass::Indirect).iter().all(|value| value.r == 5.0), "until there is better");
     pass(&mut film, |_, _, _| of(2.0));
     let near = |value: f32, expected: f32| (value - expected).abs() < 1e-6 * expected;
@@ -158,12 +158,12 @@ fn outdated_light_counts_for_two_passes() {
     // One pass that is outdated at once stays what it is.
     let mut film = self::film(4, 4);
     pass(&mut film, |_, _, _| of(5.0));
-    film.outdate_secondary(Outdated::Rough);
+    film.outdate(&SECONDARY, Outdated::Rough);
     pass(&mut film, |_, _, _| of(2.0));
     assert!(film.layer(PathClass::Indirect).iter().all(|value| near(value.r, 3.5)));
     // Light from before an edit leaves nothing behind, whatever was said of it later.
-    film.outdate_secondary(Outdated::Wrong);
-    film.outdate_secondary(Outdated::Rough);
+    film.outdate(&SECONDARY, Outdated::Wrong);
+    film.outdate(&SECONDARY, Outdated::Rough);
     pass(&mut film, |_, _, _| of(1.0));
     assert!(film.layer(PathClass::Indirect).iter().all(|value| value.r == 1.0));
     assert!(film.layer(PathClass::Direct).iter().all(|value| near(value.r, 3.0)));
@@ -376,7 +376,7 @@ fn noise_is_that_of_the_passes_since_light_was_replaced() {
             };
             // The halves before are far apart.
             (0..before).for_each(|_| pass(&mut film, |_, _, p| indirect(f64::from(5 * (p % 2)))));
-            film.outdate_secondary(Outdated::Wrong);
+            film.outdate(&SECONDARY, Outdated::Wrong);
             let sample = |x, y, p| indirect(Noise::Uniform.sample(uniform(seed, x, y, p)));
             (0..since).for_each(|_| pass(&mut film, sample));
             assert_eq!(film.measured_error(), None);

@@ -2,7 +2,8 @@
 
 use glam::UVec2;
 
-use super::{Held, Outdated, PictureSize, Pixel, PixelSample};
+use super::{Held, Outdated, PictureSize, Pixel, PixelSample, SECONDARY};
+use crate::transport::PathClass;
 
 /// Side of a tile in pixels. 16 × 16 pixels × 160 bytes = 40 KB stay in a core's second cache, and a
 /// 256 × 256 picture still has 256 tiles to share among threads.
@@ -18,12 +19,12 @@ pub struct Tile {
     origin: UVec2,
     size: UVec2,
     passes: u32,
-    /// Passes whose secondary light is forgotten: as many fewer do its sums stand for.
-    forgotten: u32,
+    /// Passes whose secondary light is forgotten, by class: as many fewer do its sums stand for.
+    forgotten: [u32; SECONDARY.len()],
     /// Passes before the halves were begun anew.
     before_halves: u32,
-    /// The next pass brings better secondary light; what is there counts for so many passes at most from then on.
-    outdated: Option<u32>,
+    /// The next pass brings better secondary light, by class; what is there counts for so many passes at most from then on.
+    outdated: [Option<u32>; SECONDARY.len()],
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
 }
@@ -38,9 +39,9 @@ impl Tile {
             origin,
             size,
             passes: 0,
-            forgotten: 0,
+            forgotten: [0; SECONDARY.len()],
             before_halves: 0,
-            outdated: None,
+            outdated: [None; SECONDARY.len()],
             dropped_samples: 0,
             pixels,
         }
@@ -66,22 +67,28 @@ impl Tile {
         Held { passes: self.passes, forgotten: self.forgotten, before_halves: self.before_halves }
     }
 
-    /// Marks the secondary light for replacement by that of the passes to come: until the next it stays as it is.
-    pub(super) fn outdate_secondary(&mut self, outdated: Outdated) {
+    /// Marks secondary light of some classes for replacement by that of the passes to come: until the next it stays as it is.
+    pub(super) fn outdate(&mut self, classes: &[PathClass], outdated: Outdated) {
         let kept = match outdated {
             Outdated::Rough => KEPT_PASSES,
             Outdated::Wrong => 0,
         };
-        self.outdated = Some(self.outdated.map_or(kept, |before| before.min(kept)));
+        for (class, of_class) in SECONDARY.iter().zip(&mut self.outdated) {
+            if classes.contains(class) {
+                *of_class = Some(of_class.map_or(kept, |before| before.min(kept)));
+            }
+        }
     }
 
     fn forget_outdated(&mut self) {
-        let held = self.passes - self.forgotten;
-        if let Some(kept) = self.outdated.take().filter(|kept| held > *kept) {
-            let share = f64::from(kept) / f64::from(held);
-            self.pixels.iter_mut().for_each(|pixel| pixel.scale_secondary(share));
-            self.forgotten = self.passes - kept;
-            self.before_halves = self.passes;
+        for (index, class) in SECONDARY.iter().enumerate() {
+            let held = self.passes - self.forgotten[index];
+            if let Some(kept) = self.outdated[index].take().filter(|kept| held > *kept) {
+                let share = f64::from(kept) / f64::from(held);
+                self.pixels.iter_mut().for_each(|pixel| pixel.scale(*class, share));
+                self.forgotten[index] = self.passes - kept;
+                self.before_halves = self.passes;
+            }
         }
     }
 

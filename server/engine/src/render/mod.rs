@@ -17,14 +17,16 @@ use std::{
 };
 
 use crate::{
+    effects::{EffectKind, EffectPlan},
     film::{Film, MeasuredError, Outdated, Picture, PictureSize},
     math::sobol,
     scene::CameraView,
     technique::{
         Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
+        caustics::{CausticReport, CausticSettings, Caustics},
         path::{PathClasses, PathSettings, PathTracer},
     },
-    transport::World,
+    transport::{PathClass, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
 
@@ -126,6 +128,9 @@ pub struct Rendering {
     view: View,
     film: Film,
     technique: PathTracer,
+    /// Where light is looked up and the scene has caustics: what makes them, and those of this pass.
+    caustics: Option<Caustics>,
+    products: Products,
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
     traced: Option<Film>,
     settings: RenderSettings,
@@ -173,11 +178,18 @@ impl Rendering {
         known: Option<Arc<dyn SecondaryLight>>,
     ) -> Rendering {
         let is_learnt = settings.learns().is_some();
+        let has_caustics = is_learnt
+            && settings.bounces_max.is_none_or(|bounces| bounces > 1)
+            && EffectPlan::of(world.scene()).is_on(EffectKind::Caustics);
+        let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
+        let caustics = has_caustics.then(|| Caustics::new(of));
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
             technique: tracer(&settings, known),
+            caustics,
+            products: Products::default(),
             traced: None,
             settings,
             learner: None,
@@ -213,12 +225,19 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
+        let mut counts = Counts::default();
+        // A pass that was cut short goes on with what it began with.
+        let is_new = self.film.passes_min() == self.film.passes_max();
+        if let Some(caustics) = self.caustics.as_mut().filter(|_| is_new && self.technique.asks()) {
+            let mut step = Step { world: &self.world, products: &mut self.products, canvas: None, cancel };
+            counts = caustics.step(&mut step).counts;
+        }
         let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
-        // What it draws with was handed to the technique; it makes nothing for others.
-        let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
+        let mut step = Step { world: &self.world, products: &mut self.products, canvas, cancel };
         let progress = self.technique.step(&mut step);
-        self.looked_up_rays += progress.counts.all_rays();
-        progress
+        let counts = counts + progress.counts;
+        self.looked_up_rays += counts.all_rays();
+        Progress { counts, ..progress }
     }
 
     /// A pass of the path-traced film.
@@ -324,7 +343,12 @@ impl Rendering {
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
         self.technique = tracer(&self.settings, known);
-        self.film.outdate_secondary(outdated);
+        // Caustics of their own do not depend on what is known, but on the scene.
+        let classes: &[PathClass] = match (&self.caustics, outdated) {
+            (Some(_), Outdated::Rough) => &[PathClass::Indirect],
+            _ => &[PathClass::Indirect, PathClass::Caustic],
+        };
+        self.film.outdate(classes, outdated);
         // Found of the light before.
         self.outlook = None;
     }
@@ -347,6 +371,11 @@ impl Rendering {
     /// What its records of irradiance took, where it makes any.
     pub fn records(&self) -> RecordReport {
         self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
+    }
+
+    /// What its caustics took and hold.
+    pub fn caustics(&self) -> CausticReport {
+        self.caustics.as_ref().map(Caustics::report).unwrap_or_default()
     }
 
     /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film

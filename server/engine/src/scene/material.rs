@@ -118,6 +118,13 @@ impl Material {
         self.textures[slot as usize].as_ref()
     }
 
+    /// True when some lobe of it may not be diffuse: it reflects or refracts in a direction. Textures only lower metallic and
+    /// transmission, so it may say yes too often, never too rarely.
+    pub fn is_specular(&self) -> bool {
+        // Metal of black base colour still reflects white at grazing angles, and counts.
+        !self.unlit && (self.transmission > 0.0 || self.metallic > 0.0 || self.specular > 0.0)
+    }
+
     /// True when the material sends out light.
     pub fn is_emissive(&self) -> bool {
         !self.unlit && !self.emission.is_black()

@@ -4,6 +4,7 @@
 //! change of the scene. Siblings never import each other: what they share lies here. The `path` technique is the reference
 //! and the last stage of convergence.
 
+pub mod caustics;
 pub mod irradiance;
 pub mod octree;
 pub mod path;

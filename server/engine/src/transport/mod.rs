@@ -6,13 +6,18 @@
 //! Imports `math`, `scene` and `accel`.
 
 pub mod bsdf;
+mod flight;
 mod light;
 mod path_class;
 mod surface;
 mod world;
 
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
-pub use light::{EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName};
+pub use flight::Flight;
+pub use light::{
+    Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
+    Sphere,
+};
 pub use path_class::{PathClass, Scatter};
 pub use surface::{Absorption, Surface};
 pub use world::{ShadowRay, World, WorldReport};

@@ -118,6 +118,13 @@ impl World {
         &self.materials[self.primitive_materials[hit.instance as usize][primitive] as usize]
     }
 
+    /// Indices of the primitives of an instance that reflect or refract light in a direction.
+    pub fn specular_primitives(&self, instance: u32) -> impl Iterator<Item = usize> {
+        let materials = self.primitive_materials[instance as usize].iter().enumerate();
+        let is_specular = |material: u32| self.materials[material as usize].material().is_specular();
+        materials.filter(move |(_, material)| is_specular(**material)).map(|(index, _)| index)
+    }
+
     fn is_present(&self, hit: &Hit) -> bool {
         self.material_of(hit).is_present(&self.accel.instances()[hit.instance as usize], hit)
     }

@@ -204,16 +204,25 @@ impl SecondaryLight for IrradianceCache {
     }
 
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
-        let base =
-            || self.base.as_ref().map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo));
+        let scattered = self.scattered_but_caustics(surface, wo);
+        match &self.base {
+            Some(base) if base.has_caustics() => {
+                ScatteredLight { caustic: base.scattered(surface, wo).caustic, ..scattered }
+            }
+            _ => scattered,
+        }
+    }
+
+    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
         match self.any_irradiance(surface.point.position, &Facing::of(surface, wo)) {
             Some(irradiance) => {
                 let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * irradiance;
-                let caustic = if self.has_caustics() { base().caustic } else { Rgb::BLACK };
                 // Where records count they say more than how far each reaches.
-                ScatteredLight { indirect, caustic, blur_m: 0.0 }
+                ScatteredLight { indirect, ..ScatteredLight::default() }
             }
-            None => base(),
+            None => {
+                self.base.as_ref().map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo))
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{PathClasses, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
+use super::{FocusedLight, PathClasses, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -31,6 +31,8 @@ pub(super) struct Tracer<'a> {
     pub(super) settings: PathSettings,
     /// What answers for light that does not fall on the first diffuse surface straight from its source.
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
+    /// What answers for caustics in its place.
+    pub(super) caustics: Option<&'a dyn FocusedLight>,
     /// A diffuse surface nearer than so many times the blur of what is known there is not answered for itself, but what it sees
     /// in turn: so near the blur would show.
     pub(super) near_blurs: f32,
@@ -66,6 +68,8 @@ struct Path<'a> {
     near_count: u32,
     /// It was sent on by a mirror or glass since.
     is_by_mirrors: bool,
+    /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one.
+    since_gathered: u32,
     sampler: &'a PixelSampler,
 }
 
@@ -114,6 +118,7 @@ impl Tracer<'_> {
             is_near: false,
             near_count: 0,
             is_by_mirrors: false,
+            since_gathered: 0,
             sampler,
         };
         tally.ray(&path.ray);
@@ -134,7 +139,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
-            if !path.is_beyond_mirrors() {
+            if !path.is_beyond_mirrors() && !path.is_known_to_gloss() {
                 self.add_environment(path, sample);
             }
             return false;
@@ -154,7 +159,7 @@ impl Tracer<'_> {
             sample.normal = surface.frame.n;
             sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
-        if !path.is_beyond_mirrors() {
+        if !path.is_beyond_mirrors() && !path.is_known_to_gloss() {
             self.add_emission(path, &hit, &surface, sample);
         }
         let is_beyond_near = path.is_beyond_near();
@@ -184,7 +189,12 @@ impl Tracer<'_> {
             sample.radiance[PathClass::Indirect as usize] += path.throughput * indirect;
             sample.radiance[PathClass::Caustic as usize] += path.throughput * known.caustic;
         }
-        self.scatter(path, &surface, followed)
+        let is_gathering = self.gather_focused(path, &surface, sample);
+        if !self.scatter(path, &surface, followed) {
+            return false;
+        }
+        path.since_gathered += u32::from(is_gathering || path.since_gathered > 0);
+        true
     }
 
     /// True when no further scattering of the path is asked for.
@@ -265,6 +275,14 @@ impl Tracer<'_> {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
             let (weight, is_wanted) = match followed {
+                // Gathered for a gloss that the path came by.
+                Followed::Wanted
+                    if path.since_gathered > 0
+                        && scatter == Scatter::Specular
+                        && class == PathClass::Emitted =>
+                {
+                    (0.0, false)
+                }
                 Followed::Wanted => (weight, self.wants(class)),
                 // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
                 Followed::All => (weight, scatter == Scatter::Diffuse),
@@ -281,11 +299,36 @@ impl Tracer<'_> {
     /// At the first diffuse surface seen from the eye, or by way of one that was looked past: what is known of the light there.
     fn known_at(&self, path: &Path<'_>, surface: &Surface) -> Option<ScatteredLight> {
         let secondary = self.secondary?;
-        // One scattering less is asked for: that of the light on its way here.
-        let is_asked_for = self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces);
         let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
-        (is_asked && is_asked_for && surface.bsdf.has_diffuse())
-            .then(|| secondary.scattered(surface, -path.ray.direction))
+        let wo = -path.ray.direction;
+        (is_asked && self.asks_for_more(path) && surface.bsdf.has_diffuse()).then(|| match self.caustics {
+            None => secondary.scattered(surface, wo),
+            Some(_) => {
+                ScatteredLight { caustic: Rgb::BLACK, ..secondary.scattered_but_caustics(surface, wo) }
+            }
+        })
+    }
+
+    /// One scattering less is asked for of what is known than of the whole path: that of the light on its way to where it is
+    /// known.
+    fn asks_for_more(&self, path: &Path<'_>) -> bool {
+        self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces)
+    }
+
+    /// Adds what the surface sends to the eye of light that only mirrors and glass sent on before, by its diffuse lobe and by
+    /// a broad gloss. True if that gloss has all of it: what the path finds by way of further mirrors is then part of it.
+    fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
+        let Some(caustics) = self.caustics.filter(|_| path.class == PathClass::Emitted) else { return false };
+        let is_broad = surface.bsdf.has_broad_gloss() && path.since_gathered == 0;
+        if !(is_broad || surface.bsdf.has_diffuse()) || !self.asks_for_more(path) {
+            return false;
+        }
+        let focused = caustics.scattered(surface, -path.ray.direction);
+        sample.radiance[PathClass::Caustic as usize] += path.throughput * focused.diffuse;
+        if is_broad {
+            sample.radiance[PathClass::Emitted as usize] += path.throughput * focused.glossy;
+        }
+        is_broad
     }
 
     fn wants(&self, class: PathClass) -> bool {
@@ -338,6 +381,12 @@ impl Path<'_> {
     /// It went on from there past mirrors or glass: what lights send by way of those is known as the near surface's caustics.
     fn is_beyond_mirrors(&self) -> bool {
         self.is_beyond_near() && self.is_by_mirrors
+    }
+
+    /// It was scattered again since a gloss for which light by way of mirrors was gathered: lights that it meets now are part of
+    /// that.
+    fn is_known_to_gloss(&self) -> bool {
+        self.class == PathClass::Emitted && self.since_gathered > 1
     }
 
     /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.

@@ -100,7 +100,14 @@ impl Gauge {
             }
         };
         let secondary = None;
-        let tracer = Tracer { world, view: Some(view), settings: self.settings, secondary, near_blurs: 0.0 };
+        let tracer = Tracer {
+            world,
+            view: Some(view),
+            settings: self.settings,
+            secondary,
+            caustics: None,
+            near_blurs: 0.0,
+        };
         let width = self.size.width();
         let set = &mut self.sets[index];
         let numbers = set.samples..set.samples + STEP_SAMPLES;

@@ -31,7 +31,8 @@ pub use gauge::{Gauge, SampleCost};
 pub use view::View;
 
 use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, Progress, ScatteredLight, SecondaryLight, Step, Technique,
+    ArrivingLight, Bias, Card, Counts, Edit, FocusedLight, Progress, ScatteredLight, SecondaryLight, Step,
+    Technique,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -50,7 +51,7 @@ pub enum PathClasses {
     /// All of them.
     All,
     /// Light seen directly and light that falls on the first diffuse surface straight from its source; what else falls there
-    /// is asked of [`PathTracer::with_secondary`], if there is any.
+    /// is asked of [`PathTracer::with_secondary`] and of [`super::Products::caustics`], if there are any.
     EmittedAndDirect,
 }
 
@@ -85,6 +86,11 @@ impl PathTracer {
         let settings = PathSettings { classes: PathClasses::EmittedAndDirect, ..settings };
         PathTracer { settings, secondary: Some(secondary) }
     }
+
+    /// It asks others for light that comes by way of other surfaces.
+    pub fn asks(&self) -> bool {
+        self.settings.classes == PathClasses::EmittedAndDirect
+    }
 }
 
 impl Technique for PathTracer {
@@ -103,6 +109,7 @@ impl Technique for PathTracer {
             view: Some(view),
             settings: self.settings,
             secondary,
+            caustics: step.products.caustics.as_deref().filter(|_| self.asks()),
             near_blurs: 0.0,
         };
         let film = &mut *canvas.film;
@@ -142,7 +149,14 @@ impl ArrivingLight for PathTracer {
         counts: &mut Counts,
     ) -> Rgb {
         let secondary = self.secondary.as_deref();
-        let tracer = Tracer { world, view: None, settings: self.settings, secondary, near_blurs: NEAR_BLURS };
+        let tracer = Tracer {
+            world,
+            view: None,
+            settings: self.settings,
+            secondary,
+            caustics: None,
+            near_blurs: NEAR_BLURS,
+        };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
         scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
@@ -198,7 +212,8 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer = Tracer { world, view: Some(view), settings, secondary: None, near_blurs: 0.0 };
+    let tracer =
+        Tracer { world, view: Some(view), settings, secondary: None, caustics: None, near_blurs: 0.0 };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, view, tile, size.width(), &mut queries);

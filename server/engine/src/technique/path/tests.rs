@@ -377,6 +377,7 @@ impl SecondaryLight for Traced {
             view: None,
             settings: whole().settings,
             secondary: None,
+            caustics: None,
             near_blurs: 0.0,
         };
         let sampler = PixelSampler::new(78, 0, 0, number);

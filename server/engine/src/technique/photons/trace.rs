@@ -7,9 +7,8 @@ use super::{
     sequence::Sequence,
 };
 use crate::{
-    accel::{Hit, Ray},
-    math::Rgb,
-    transport::{Absorption, Bsdf, PathClass, Scatter, Source, Surface, World},
+    accel::Hit,
+    transport::{Flight, PathClass, Scatter, Source, Surface, World},
 };
 
 /// A photon ends here whatever it carries: light trapped by total reflection in lossless glass never would.
@@ -68,13 +67,10 @@ pub(super) struct TraceTally {
     pub(super) flux: FluxTally,
 }
 
-/// A photon on its way.
-struct Flight {
-    ray: Ray,
-    weight: Rgb,
-    /// What scattered last; `None` at the light.
+/// A photon on its way, and what came before.
+struct Journey {
+    flight: Flight,
     arriving: Arriving,
-    medium: Option<Absorption>,
     bounce: u32,
 }
 
@@ -117,28 +113,26 @@ impl PhotonTracer<'_> {
         let Some(emitted) = self.world.emit(source, &sequence.emission(number)) else {
             return PhotonPath::from(Vec3::ZERO, first_hit);
         };
-        let mut flight = Flight {
-            ray: emitted.ray,
-            weight: emitted.weight,
+        let mut journey = Journey {
+            flight: Flight::begin(emitted.ray, emitted.weight),
             arriving: Arriving::Straight,
-            medium: None,
             bounce: 0,
         };
-        tally.flux.emitted += carried(&flight);
+        tally.flux.emitted += carried(&journey.flight);
         let mut path = PhotonPath::from(emitted.ray.origin, first_hit);
         loop {
-            if flight.bounce >= self.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END) {
-                tally.flux.cut_off += carried(&flight);
+            if journey.bounce >= self.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END) {
+                tally.flux.cut_off += carried(&journey.flight);
                 return path;
             }
             tally.rays += 1;
-            let Some(hit) = self.world.closest_hit(&flight.ray) else {
-                tally.flux.escaped += carried(&flight);
-                path.escape_towards(flight.ray.direction);
+            let Some(hit) = self.world.closest_hit(&journey.flight.ray) else {
+                tally.flux.escaped += carried(&journey.flight);
+                path.escape_towards(journey.flight.ray.direction);
                 return path;
             };
-            let numbers = sequence.four(flight.bounce + 1, number);
-            if !self.advance(&mut flight, &hit, &numbers, hits, tally) {
+            let numbers = sequence.four(journey.bounce + 1, number);
+            if !self.advance(&mut journey, &hit, &numbers, hits, tally) {
                 return path;
             }
         }
@@ -147,61 +141,41 @@ impl PhotonTracer<'_> {
     /// Takes the photon to the surface it met and scatters it there. False when it was absorbed.
     fn advance(
         &self,
-        flight: &mut Flight,
+        journey: &mut Journey,
         hit: &Hit,
         numbers: &[f32; 4],
         hits: &mut Vec<PhotonHit>,
         tally: &mut TraceTally,
     ) -> bool {
-        let direction = flight.ray.direction;
-        let surface = self.world.surface(hit, direction);
-        let is_glass = matches!(surface.bsdf, Bsdf::Glass(_));
-        if is_glass && direction.dot(surface.frame.n) > 0.0 {
-            flight.medium = surface.inside;
-        }
-        if let Some(medium) = &flight.medium {
-            let before = carried(flight);
-            flight.weight *= medium.transmittance(hit.t);
-            tally.flux.absorbed_on_the_way += before - carried(flight);
-        }
+        let flight = &mut journey.flight;
+        let before = carried(flight);
+        let surface = flight.arrive(self.world, hit);
         let arrived = carried(flight);
-        hits.push(PhotonHit::new(&surface, hit, -direction, flight.weight, flight.arriving.class()));
-        let goes_on = arrived > 0.0 && self.scatter(flight, &surface, numbers);
-        tally.flux.absorbed += arrived - if goes_on { carried(flight) } else { 0.0 };
+        tally.flux.absorbed_on_the_way += before - arrived;
+        let class = journey.arriving.class();
+        hits.push(PhotonHit::new(&surface, hit, -flight.ray.direction, flight.weight, class));
+        let goes_on = arrived > 0.0 && scatter(journey, &surface, numbers);
+        tally.flux.absorbed += arrived - if goes_on { carried(&journey.flight) } else { 0.0 };
         goes_on
     }
+}
 
-    /// Draws where the photon goes on; false when it is absorbed.
-    fn scatter(&self, flight: &mut Flight, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
-        let wo = -flight.ray.direction;
-        let wo_local = surface.frame.to_local(wo);
-        let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
-        let wi = surface.frame.to_world(drawn.wi);
-        // The weight is that of radiance on its way to the eye; flux is not scaled where it enters a denser medium.
-        let mut weight = flight.weight * drawn.weight * drawn.eta_squared;
-        // And the cosine that counts for flux is that of the surface, not of its bent normal [Veach1997, 5.3.2].
-        let n_geo = surface.point.n_geo;
-        let bent = (wo.dot(n_geo) * drawn.wi.z).abs();
-        if bent > 0.0 {
-            weight *= (wo_local.z * wi.dot(n_geo)).abs() / bent;
-        }
-        if !weight.is_finite() {
-            return false;
-        }
-        // Roulette by how much luminance is left: power stays nearly the same.
-        let survives = (weight.luminance() / flight.weight.luminance()).min(1.0);
-        if !(survives > 0.0) || *survival >= survives {
-            return false;
-        }
-        flight.weight = weight * (1.0 / survives);
-        flight.arriving = flight.arriving.after(drawn.scatter);
-        flight.bounce += 1;
-        if wo_local.z * drawn.wi.z < 0.0 {
-            flight.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
-        }
-        flight.ray = surface.point.ray_towards(wi);
-        true
+/// Draws where the photon goes on; false when it is absorbed.
+fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
+    let flight = &journey.flight;
+    let wo_local = surface.frame.to_local(-flight.ray.direction);
+    let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
+    let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
+    // Roulette by how much luminance is left: power stays nearly the same.
+    let survives = (next.weight.luminance() / flight.weight.luminance()).min(1.0);
+    if !(survives > 0.0) || *survival >= survives {
+        return false;
     }
+    next.weight *= 1.0 / survives;
+    journey.flight = next;
+    journey.arriving = journey.arriving.after(drawn.scatter);
+    journey.bounce += 1;
+    true
 }
 
 fn carried(flight: &Flight) -> f64 {

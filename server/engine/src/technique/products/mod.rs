@@ -47,8 +47,28 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     /// What the diffuse lobe of `surface` sends to `wo`.
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight;
 
+    /// The same, but for caustics, which something else knows better: they may be left out.
+    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+        self.scattered(surface, wo)
+    }
+
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
+}
+
+/// What a surface sends to the eye of light that only mirrors and glass sent on before, W/(m² sr).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FocusedScatter {
+    /// By its diffuse lobe: caustics.
+    pub diffuse: Rgb,
+    /// By its glossy lobe, where that is [broad](crate::transport::Bsdf::has_broad_gloss).
+    pub glossy: Rgb,
+}
+
+/// Light that mirrors and glass focus on surfaces.
+pub trait FocusedLight: fmt::Debug + Send + Sync {
+    /// What `surface` sends to `wo` of it.
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> FocusedScatter;
 }
 
 /// What arrives along rays: what records of light are gathered from.
@@ -88,4 +108,6 @@ pub struct Products {
     pub photons: Option<Arc<PhotonProduct>>,
     /// What is known of the light that surfaces receive by way of others.
     pub secondary: Option<Arc<dyn SecondaryLight>>,
+    /// Caustics for one pass of a picture.
+    pub caustics: Option<Arc<dyn FocusedLight>>,
 }

@@ -83,6 +83,16 @@ impl Glass {
         BsdfValue { diffuse, ..BsdfValue::default() }
     }
 
+    /// A sample of reflection or transmission as if there was no base.
+    pub(super) fn sample_specular(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        let (reflected, _) = fresnel_dielectric(wo.z.abs(), self.eta_from(wo));
+        let [reflection, transmission, _] = self.chances(reflected);
+        let specular = reflection + transmission;
+        let drawn = self.sample(wo, [u[0] * specular, u[1], u[2]])?;
+        // Rounding may have drawn the base after all.
+        (drawn.scatter == Scatter::Specular).then(|| BsdfSample { weight: drawn.weight * specular, ..drawn })
+    }
+
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let eta = self.eta_from(wo);
         let (reflected, cos_t) = fresnel_dielectric(wo.z.abs(), eta);

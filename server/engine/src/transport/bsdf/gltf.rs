@@ -66,6 +66,10 @@ impl Gltf {
         !self.diffuse.is_black()
     }
 
+    pub(super) fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
     fn is_smooth(&self) -> bool {
         self.alpha < SMOOTH_ALPHA
     }
@@ -150,6 +154,18 @@ impl Gltf {
         };
         sample.wi.z *= side;
         Some(sample)
+    }
+
+    /// A sample of the specular lobe as if there was no other.
+    pub(super) fn sample_specular_alone(&self, wo: Vec3, u: [f32; 2]) -> Option<BsdfSample> {
+        let side = 1f32.copysign(wo.z);
+        let wo = wo * Vec3::new(1.0, 1.0, side);
+        if wo.z <= 0.0 {
+            return None;
+        }
+        let mut sample = self.sample_specular(wo, u, 1.0)?;
+        sample.wi.z *= side;
+        Some(BsdfSample { pdf_solid_angle: None, ..sample })
     }
 
     fn sample_diffuse(&self, wo: Vec3, u: [f32; 2], chance: f32) -> Option<BsdfSample> {

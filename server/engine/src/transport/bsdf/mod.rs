@@ -33,6 +33,9 @@ use crate::math::{Rgb, warp};
 /// GGX α below which a lobe counts as a perfect mirror.
 pub const SMOOTH_ALPHA: f32 = 1e-3;
 
+/// GGX α from which on photons are gathered for a lobe: some six degrees wide.
+const BROAD_ALPHA: f32 = 0.1;
+
 /// A scattering model with its parameters at one surface point.
 #[derive(Clone, Copy, Debug)]
 pub enum Bsdf {
@@ -109,6 +112,11 @@ impl Bsdf {
         }
     }
 
+    /// True when its glossy lobe is so broad that light can be gathered for it from photons nearby.
+    pub fn has_broad_gloss(&self) -> bool {
+        matches!(self, Bsdf::Gltf(gltf) if gltf.alpha() >= BROAD_ALPHA)
+    }
+
     /// What the diffuse lobe sends to `wo` (frame coordinates) of light from all around, over its irradiance, 1/sr.
     pub fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
         match self {
@@ -159,6 +167,19 @@ impl Bsdf {
                 eta_squared: 1.0,
             }),
             Bsdf::Glass(glass) => glass.sample(wo, u),
+        }
+    }
+}
+
+impl Bsdf {
+    /// Draws a direction as [`Bsdf::sample`] does, but of the lobes that are not diffuse alone: their whole light is in it.
+    /// The density is not told. `None`: nothing goes on.
+    pub fn sample_specular(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        match self {
+            Bsdf::Black | Bsdf::Lambert { .. } => None,
+            Bsdf::Gltf(gltf) => gltf.sample_specular_alone(wo, [u[1], u[2]]),
+            Bsdf::Mirror { .. } => self.sample(wo, u),
+            Bsdf::Glass(glass) => glass.sample_specular(wo, u),
         }
     }
 }

@@ -14,7 +14,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 
 pub(in crate::transport) use self::environment::EnvironmentLight;
-pub use self::source::{EmissionNumbers, EmittedPhoton, Source, SourceName};
+pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::tree::{LightBounds, LightTree};
 use crate::{
     accel::{Accel, SurfacePoint},

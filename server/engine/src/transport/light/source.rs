@@ -1,9 +1,12 @@
 //! Lights as photons leave them: how much each sends out, and where the photon of given numbers starts.
 
+mod aim;
+
 use std::{f32::consts::PI, f64, sync::Arc};
 
 use glam::{Vec2, Vec3};
 
+pub use self::aim::{Aim, AimedPhoton, Sphere};
 use super::{LocalLight, spot_falloff};
 use crate::{
     accel::{Hit, Instance, Ray, SurfacePoint, TriangleId},
@@ -281,7 +284,8 @@ impl World {
                 Some(EmittedPhoton { ray, weight })
             }
             SourceKind::Surface(surface) => {
-                let (point, radiance, direction) = self.leave(surface, numbers)?;
+                let (point, n, radiance) = self.leave(surface, numbers)?;
+                let direction = Frame::around(n).to_world(warp::cosine_hemisphere(numbers.direction));
                 let area_m2 = surface.areas.last().copied().unwrap_or(0.0) as f32;
                 let sides = if surface.two_sided { 2.0 } else { 1.0 };
                 // Radiance · cos / (1/area · cos/π · 1/sides): the cosine cancels.
@@ -291,12 +295,12 @@ impl World {
         }
     }
 
-    /// A point of an emissive surface, the radiance it sends out there and a cosine-distributed direction.
+    /// A point of an emissive surface, the normal of a side that emits there and the radiance it sends out.
     fn leave(
         &self,
         surface: &EmissiveSurface,
         numbers: &EmissionNumbers,
-    ) -> Option<(SurfacePoint, Rgb, Vec3)> {
+    ) -> Option<(SurfacePoint, Vec3, Rgb)> {
         let total = *surface.areas.last()?;
         let target = f64::from(numbers.position[0]) * total;
         let index = surface.areas.partition_point(|sum| *sum <= target).min(surface.areas.len() - 1);
@@ -316,8 +320,7 @@ impl World {
             SurfacePoint { on: TriangleId { instance, triangle }, ..placed.surface_point(triangle, b1, b2) };
         let from_front = !surface.two_sided || numbers.side < 0.5;
         let n = if from_front { point.n_geo } else { -point.n_geo };
-        let direction = Frame::around(n).to_world(warp::cosine_hemisphere(numbers.direction));
-        Some((point, material.emitted(placed, &hit, from_front), direction))
+        Some((point, n, material.emitted(placed, &hit, from_front)))
     }
 }
 

@@ -1,0 +1,240 @@
+//! The photons of one pass where they fell, each blurred over a disc of its own.
+//!
+//! A photon of flux Φ and radius r adds Φ · 2/(πr²) · (1 − d²/r²) to the irradiance at the distance d on a surface that faces
+//! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid.
+
+use std::num::NonZeroUsize;
+
+use glam::{IVec3, Vec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use crate::{
+    math::{Rgb, octahedral, sobol},
+    technique::{FACING_COS, FocusedLight, FocusedScatter},
+    transport::Surface,
+};
+
+/// Photons of the first pass that lie within the first radius of one of them.
+const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
+/// Largest radius over the extent of all photons, and the smallest over the largest.
+const RADIUS_MAX: f32 = 1.0 / 16.0;
+const RADIUS_RANGE: f32 = 1.0 / 1024.0;
+/// How many times distances along the normal count: what lies above or below is another sheet.
+const FLATNESS: f32 = 2.5;
+/// Least cosine that irradiance is divided by: below, the few photons that still arrive would outshine everything.
+const COS_MIN: f32 = 0.02;
+
+/// A photon where it fell on a diffuse surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CausticPhoton {
+    /// Where, in render space.
+    pub position: Vec3,
+    /// How far it is blurred, m.
+    pub radius_m: f32,
+    /// Flux, W.
+    pub flux_w: Rgb,
+    /// Where it came from, octahedral.
+    pub direction: u32,
+    /// Normal of the surface on the side it fell on, octahedral.
+    pub normal: u32,
+}
+
+/// How close photons lay in the first pass: says how far those of all passes are blurred, so that blurs do not depend on
+/// the photons they are for.
+#[derive(Debug)]
+pub(super) struct Pilot {
+    /// Of the photons of the first pass; `None` without any.
+    tree: Option<ImmutableKdTree<f32, 3>>,
+    radii_m: Vec<f32>,
+    radius_max_m: f32,
+}
+
+impl Pilot {
+    pub(super) fn of(photons: &[CausticPhoton]) -> Pilot {
+        let positions: Vec<[f32; 3]> = photons.iter().map(|photon| photon.position.to_array()).collect();
+        let min = photons.iter().fold(Vec3::INFINITY, |min, photon| min.min(photon.position));
+        let max = photons.iter().fold(Vec3::NEG_INFINITY, |max, photon| max.max(photon.position));
+        let radius_max_m = (max - min).length() * RADIUS_MAX;
+        // Only more photons than u32 can count are refused, and none at all.
+        let tree =
+            NonZeroUsize::new(positions.len()).and_then(|_| ImmutableKdTree::new_from_slice(&positions).ok());
+        let Some(tree) = tree.filter(|_| radius_max_m > 0.0 && radius_max_m.is_finite()) else {
+            return Pilot { tree: None, radii_m: Vec::new(), radius_max_m: 0.0 };
+        };
+        let radii_m = positions.par_iter().map(|position| {
+            let near = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
+            let farthest = near.into_iter().map(|near| near.distance).fold(0.0, f32::max);
+            // Where there are not so many in all, nothing says how close they lie.
+            let radius_m = if positions.len() < NEIGHBOURS.get() { radius_max_m } else { farthest.sqrt() };
+            radius_m.clamp(radius_max_m * RADIUS_RANGE, radius_max_m)
+        });
+        Pilot { radii_m: radii_m.collect(), tree: Some(tree), radius_max_m }
+    }
+
+    /// How far a photon is blurred in the first pass.
+    fn radius_m(&self, p: Vec3) -> f32 {
+        let Some(tree) = &self.tree else { return self.radius_max_m };
+        let nearest = tree.query(&p.to_array()).nearest_one::<SquaredEuclidean<f32>>().execute();
+        self.radii_m[nearest.item as usize]
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.radii_m.len() * (size_of::<f32>() + 16)
+    }
+}
+
+/// The caustics of one pass.
+#[derive(Debug)]
+pub struct CausticMap {
+    grids: Vec<Grid>,
+    photon_count: usize,
+}
+
+/// Photons of about one radius, by the cell they lie in.
+#[derive(Debug)]
+struct Grid {
+    /// The largest radius.
+    radius_m: f32,
+    min: Vec3,
+    max: Vec3,
+    /// Where the photons of a bucket begin; one more than there are buckets.
+    starts: Vec<u32>,
+    photons: Vec<CausticPhoton>,
+}
+
+impl CausticMap {
+    /// - `shrinking`: area of a blur in shares of that in the first pass
+    pub(super) fn of(mut photons: Vec<CausticPhoton>, pilot: &Pilot, shrinking: f32) -> CausticMap {
+        let radius_max_m = pilot.radius_max_m;
+        if !(radius_max_m > 0.0) {
+            return CausticMap { grids: Vec::new(), photon_count: 0 };
+        }
+        photons.par_iter_mut().for_each(|photon| {
+            photon.radius_m = pilot.radius_m(photon.position) * shrinking.sqrt();
+        });
+        let octave = |photon: &CausticPhoton| (radius_max_m / photon.radius_m).log2() as usize;
+        let photon_count = photons.len();
+        let mut octaves: Vec<Vec<CausticPhoton>> = Vec::new();
+        for photon in photons {
+            let octave = octave(&photon);
+            if octaves.len() <= octave {
+                octaves.resize(octave + 1, Vec::new());
+            }
+            octaves[octave].push(photon);
+        }
+        octaves.retain(|photons| !photons.is_empty());
+        CausticMap { grids: octaves.into_par_iter().map(Grid::of).collect(), photon_count }
+    }
+
+    /// Photons in it.
+    pub fn photon_count(&self) -> usize {
+        self.photon_count
+    }
+
+    /// Memory of photons and grids.
+    pub fn bytes(&self) -> usize {
+        let of_grid = |grid: &Grid| grid.photons.len() * size_of::<CausticPhoton>() + grid.starts.len() * 4;
+        self.grids.iter().map(of_grid).sum()
+    }
+}
+
+impl Grid {
+    fn of(photons: Vec<CausticPhoton>) -> Grid {
+        let radius_m = photons.iter().fold(0.0, |radius: f32, photon| radius.max(photon.radius_m));
+        let min = photons.iter().fold(Vec3::INFINITY, |min, photon| min.min(photon.position));
+        let max = photons.iter().fold(Vec3::NEG_INFINITY, |max, photon| max.max(photon.position));
+        let buckets = (2 * photons.len()).next_power_of_two();
+        let mut grid = Grid {
+            radius_m,
+            min: min - radius_m,
+            max: max + radius_m,
+            starts: vec![0; buckets + 1],
+            photons,
+        };
+        let bucket_of: Vec<u32> =
+            grid.photons.iter().map(|photon| grid.bucket(grid.cell(photon.position))).collect();
+        for bucket in &bucket_of {
+            grid.starts[*bucket as usize + 1] += 1;
+        }
+        for bucket in 0..buckets {
+            grid.starts[bucket + 1] += grid.starts[bucket];
+        }
+        let mut next = grid.starts.clone();
+        let mut sorted = grid.photons.clone();
+        for (photon, bucket) in grid.photons.iter().zip(bucket_of) {
+            let place = &mut next[bucket as usize];
+            sorted[*place as usize] = *photon;
+            *place += 1;
+        }
+        grid.photons = sorted;
+        grid
+    }
+
+    /// Cells are as wide as two radii: what is near lies in eight of them.
+    fn cell(&self, p: Vec3) -> IVec3 {
+        ((p - self.min) / (2.0 * self.radius_m)).floor().as_ivec3()
+    }
+
+    fn bucket(&self, cell: IVec3) -> u32 {
+        let [x, y, z] = cell.to_array().map(|index| u64::from(index as u32 & 0x1f_ffff));
+        let buckets = self.starts.len() as u64 - 1;
+        (sobol::mix(x | y << 21 | z << 42) & (buckets - 1)) as u32
+    }
+
+    /// Calls `visit` with every photon that may reach `p`.
+    fn near(&self, p: Vec3, mut visit: impl FnMut(&CausticPhoton)) {
+        if p.cmplt(self.min).any() || p.cmpgt(self.max).any() {
+            return;
+        }
+        let first = self.cell(p - self.radius_m);
+        let mut seen = [u32::MAX; 8];
+        for corner in 0..8 {
+            let offset = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
+            let bucket = self.bucket(first + offset);
+            // Two cells may share a bucket.
+            if seen[..corner as usize].contains(&bucket) {
+                continue;
+            }
+            seen[corner as usize] = bucket;
+            let [start, end] = [bucket, bucket + 1].map(|bucket| self.starts[bucket as usize] as usize);
+            self.photons[start..end].iter().for_each(&mut visit);
+        }
+    }
+}
+
+impl FocusedLight for CausticMap {
+    fn scattered(&self, surface: &Surface, wo: Vec3) -> FocusedScatter {
+        let p = surface.point.position;
+        let n_geo = surface.point.n_geo;
+        let n = if wo.dot(n_geo) > 0.0 { n_geo } else { -n_geo };
+        let wo_local = surface.frame.to_local(wo);
+        let is_broad = surface.bsdf.has_broad_gloss();
+        let mut sum = FocusedScatter::default();
+        for grid in &self.grids {
+            grid.near(p, |photon| {
+                let away = p - photon.position;
+                let r2 = photon.radius_m * photon.radius_m;
+                if away.length_squared() >= r2 {
+                    return;
+                }
+                let normal = octahedral::decode(photon.normal);
+                let above = away.dot(normal);
+                let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
+                if d2 >= r2 || normal.dot(n) < FACING_COS {
+                    return;
+                }
+                let wi = octahedral::decode(photon.direction);
+                let value = surface.bsdf.eval(wo_local, surface.frame.to_local(wi));
+                let per_m2 = std::f32::consts::FRAC_2_PI / r2 * (1.0 - d2 / r2);
+                // Irradiance is flux on the surface as it is: the cosine of the shading normal comes for that of the true one.
+                let irradiance = photon.flux_w * (per_m2 / wi.dot(normal).max(COS_MIN));
+                sum.diffuse += value.diffuse.f_cos * irradiance;
+                if is_broad {
+                    sum.glossy += value.glossy.f_cos * irradiance;
+                }
+            });
+        }
+        sum
+    }
+}

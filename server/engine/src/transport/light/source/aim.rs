@@ -1,0 +1,256 @@
+//! Photons that leave their light towards a few spheres only: what is there gets all of them, whatever its solid angle
+//! [Jensen1996; Larsen2004, 12.1].
+//!
+//! A photon is drawn towards one of the spheres by its solid angle (for light from infinitely far: by the area of its disc)
+//! and weighed by the density of all of them together, so that spheres may overlap. A light that stands inside a sphere
+//! sends half of its photons anywhere. **Unbiased** for all flux that reaches a sphere straight from the light.
+
+use std::f32::consts::{PI, TAU};
+
+use glam::Vec3;
+
+use super::{Across, EmissionNumbers, Source, SourceKind, luminance};
+use crate::{
+    accel::Ray,
+    math::{Frame, Rgb, sobol, warp},
+    transport::{World, light::spot_falloff},
+};
+
+/// A sphere in render space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sphere {
+    /// Its middle.
+    pub middle: Vec3,
+    /// Its radius, m.
+    pub radius_m: f32,
+}
+
+/// What photons are aimed at.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Aim {
+    /// The spheres; they may overlap.
+    pub spheres: Vec<Sphere>,
+}
+
+/// A photon on its way from the light.
+#[derive(Clone, Copy, Debug)]
+pub struct AimedPhoton {
+    /// Its first ray.
+    pub ray: Ray,
+    /// Its flux times the number of photons that the light sends out, W.
+    pub flux_w: Rgb,
+}
+
+/// Where a photon goes from a light.
+struct Aimed {
+    direction: Vec3,
+    shares: Shares,
+    /// How many spheres lie there.
+    count: u32,
+}
+
+impl Aimed {
+    /// Density of the direction where going anywhere has the density `blind`, 1/sr.
+    fn density(&self, blind: f32) -> f32 {
+        self.shares.density(self.count, blind)
+    }
+}
+
+/// Shares of what is drawn: anywhere, and towards spheres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Shares {
+    anywhere: f32,
+    /// Sum of the sizes of the spheres: solid angles, or areas.
+    size: f32,
+}
+
+impl Shares {
+    /// - `is_inside`: a light stands within a sphere
+    /// - `whole`: size of anywhere
+    fn of(size: f32, is_inside: bool, whole: f32) -> Shares {
+        let anywhere = match (size < whole, is_inside && size > 0.0) {
+            (true, true) => 0.5,
+            (true, false) if is_inside => 1.0,
+            (true, false) => 0.0,
+            (false, _) => 1.0,
+        };
+        Shares { anywhere, size }
+    }
+
+    /// Density of drawing what `count` spheres hold and anywhere has with the density `blind`.
+    fn density(self, count: u32, blind: f32) -> f32 {
+        let aimed = if count == 0 { 0.0 } else { count as f32 / self.size };
+        self.anywhere * blind + (1.0 - self.anywhere) * aimed
+    }
+}
+
+/// Splits off the choice of one of two from a number: true below `share`; and the rest of the number, as good as new.
+fn choose(u: f32, share: f32) -> (bool, f32) {
+    let is_first = u < share;
+    let rest = if is_first { u / share } else { (u - share) / (1.0 - share) };
+    (is_first, rest.clamp(0.0, 1.0 - f32::EPSILON))
+}
+
+/// Which of some sizes a place in their sum falls into, and where in it, in [0, 1). `None` where all are nothing.
+fn choose_by_size(sizes: impl Iterator<Item = f32>, place: f32) -> Option<(usize, f32)> {
+    let mut left = place;
+    let mut last = None;
+    for (index, size) in sizes.enumerate().filter(|(_, size)| *size > 0.0) {
+        // By rounding the place may lie past the end: then it is in the last.
+        last = Some((index, (left / size).clamp(0.0, 1.0 - f32::EPSILON)));
+        if left < size {
+            break;
+        }
+        left -= size;
+    }
+    last
+}
+
+/// The cone in which a sphere is seen.
+struct Cone {
+    axis: Vec3,
+    sin2: f32,
+    solid_angle_sr: f32,
+}
+
+impl Sphere {
+    /// `None` from within.
+    fn seen_from(&self, p: Vec3) -> Option<Cone> {
+        let away = self.middle - p;
+        let sin2 = self.radius_m * self.radius_m / away.length_squared();
+        // 1 − cos without cancellation.
+        let open = sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt());
+        (sin2 < 1.0).then(|| Cone { axis: away.normalize_or(Vec3::Z), sin2, solid_angle_sr: TAU * open })
+    }
+
+    /// Area of its disc, m².
+    fn disc_m2(&self) -> f32 {
+        PI * self.radius_m * self.radius_m
+    }
+}
+
+impl Cone {
+    fn holds(&self, direction: Vec3) -> bool {
+        direction.dot(self.axis) > 0.0 && direction.cross(self.axis).length_squared() <= self.sin2
+    }
+
+    fn draw(&self, u: [f32; 2]) -> Vec3 {
+        let open = u[0] * self.solid_angle_sr / TAU;
+        let sin = (open * (2.0 - open)).max(0.0).sqrt();
+        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+        Frame::around(self.axis).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, 1.0 - open))
+    }
+}
+
+impl Aim {
+    /// A direction from `p` towards a sphere, or anywhere. `None` where there is nothing to aim at.
+    ///
+    /// - `whole_sr`: solid angle of anywhere
+    /// - `anywhere`: draws a direction that goes there
+    fn direction(
+        &self,
+        p: Vec3,
+        u: [f32; 2],
+        whole_sr: f32,
+        anywhere: impl FnOnce([f32; 2]) -> Vec3,
+    ) -> Option<Aimed> {
+        let cones = || self.spheres.iter().map(|sphere| sphere.seen_from(p));
+        let size = cones().flatten().map(|cone| cone.solid_angle_sr).sum::<f32>();
+        let shares = Shares::of(size, cones().any(|cone| cone.is_none()), whole_sr);
+        let (is_anywhere, rest) = choose(u[0], shares.anywhere);
+        if is_anywhere {
+            let direction = anywhere([rest, u[1]]);
+            let count = cones().flatten().filter(|cone| cone.holds(direction)).count() as u32;
+            return Some(Aimed { direction, shares, count });
+        }
+        let (chosen, u0) = choose_by_size(cones().flatten().map(|cone| cone.solid_angle_sr), rest * size)?;
+        let cone = cones().flatten().nth(chosen)?;
+        let direction = cone.draw([u0, u[1]]);
+        // The one it was drawn for holds it, whatever rounding says.
+        let others = cones().flatten().enumerate();
+        let count =
+            1 + others.filter(|(index, cone)| *index != chosen && cone.holds(direction)).count() as u32;
+        Some(Aimed { direction, shares, count })
+    }
+
+    /// Where a photon that comes along `across` from far away starts, and 1 / its density, m².
+    fn start(&self, across: &Across, u: [f32; 2]) -> Option<(Vec3, f32)> {
+        let size = self.spheres.iter().map(Sphere::disc_m2).sum::<f32>();
+        if size >= across.area_m2() {
+            return Some((across.start(u), across.area_m2()));
+        }
+        let (chosen, u0) = choose_by_size(self.spheres.iter().map(Sphere::disc_m2), u[0] * size)?;
+        let sphere = &self.spheres[chosen];
+        let offset = warp::disc([u0, u[1]]) * sphere.radius_m;
+        let at = sphere.middle + across.frame.t * offset.x + across.frame.b * offset.y;
+        let n = across.frame.n;
+        let holds = |(index, other): &(usize, &Sphere)| {
+            let away = at - other.middle;
+            let beside = away - n * n.dot(away);
+            *index != chosen && beside.length_squared() <= other.radius_m * other.radius_m
+        };
+        let count = 1 + self.spheres.iter().enumerate().filter(holds).count();
+        Some((at - n * n.dot(at - across.corner), size / count as f32))
+    }
+}
+
+impl World {
+    /// The photon of `source` for these numbers that goes towards one of the spheres; `None` when they ask for light that is
+    /// not there.
+    pub fn emit_at(&self, source: &Source, aim: &Aim, numbers: &EmissionNumbers) -> Option<AimedPhoton> {
+        let photon = |ray, radiometric: Rgb, factor: f32| {
+            let flux_w = radiometric * factor;
+            (flux_w.is_finite() && flux_w.luminance() > 0.0).then_some(AimedPhoton { ray, flux_w })
+        };
+        match &source.kind {
+            SourceKind::Point { position, intensity } => {
+                let aimed = aim.direction(*position, numbers.direction, 2.0 * TAU, warp::sphere)?;
+                photon(Ray::new(*position, aimed.direction), *intensity, 1.0 / aimed.density(0.5 / TAU))
+            }
+            SourceKind::Spot { position, axis, intensity, cos_inner, cos_outer } => {
+                let whole_sr = TAU * (1.0 - cos_outer);
+                let cone = Cone { axis: *axis, sin2: 1.0, solid_angle_sr: whole_sr };
+                let aimed = aim.direction(*position, numbers.direction, whole_sr, |u| cone.draw(u))?;
+                let cos = aimed.direction.dot(*axis);
+                let blind = if cos >= *cos_outer { 1.0 / whole_sr } else { 0.0 };
+                let radiometric = *intensity * spot_falloff(cos, *cos_inner, *cos_outer);
+                photon(Ray::new(*position, aimed.direction), radiometric, 1.0 / aimed.density(blind))
+            }
+            SourceKind::Directional { direction, irradiance, target } => {
+                let (start, area_m2) = aim.start(&target.across(*direction), numbers.position)?;
+                photon(Ray::new(start, *direction), *irradiance, area_m2)
+            }
+            SourceKind::Environment { target, .. } => {
+                let environment = self.lights().environment()?;
+                let (wi, pdf) = environment.sample(Vec3::ZERO, numbers.direction)?;
+                let (start, area_m2) = aim.start(&target.across(-wi), numbers.position)?;
+                photon(Ray::new(start, -wi), environment.radiance(wi), area_m2 / pdf)
+            }
+            SourceKind::Surface(surface) => {
+                let (point, n, radiance) = self.leave(surface, numbers)?;
+                let anywhere = |u| Frame::around(n).to_world(warp::cosine_hemisphere(u));
+                let aimed = aim.direction(point.position, numbers.direction, TAU, anywhere)?;
+                let cos = aimed.direction.dot(n);
+                if cos <= 0.0 {
+                    return None;
+                }
+                let area_m2 = surface.areas.last().copied().unwrap_or(0.0) as f32;
+                let sides = if surface.two_sided { 2.0 } else { 1.0 };
+                let density = aimed.density(warp::cosine_hemisphere_pdf(cos));
+                photon(point.ray_towards(aimed.direction), radiance, cos * area_m2 * sides / density)
+            }
+        }
+    }
+
+    /// Luminance of the flux that `source` sends towards the spheres, W, to a few percent: steers how many photons it gets.
+    pub fn power_towards_w(&self, source: &Source, aim: &Aim) -> f64 {
+        const POINTS: u32 = 512;
+        let flux = |index: u32| {
+            let [u, v, s, t] = sobol::point(0, index);
+            let [side, ..] = sobol::point(1, index);
+            let numbers = EmissionNumbers { direction: [u, v], position: [s, t], side };
+            self.emit_at(source, aim, &numbers).map_or(0.0, |photon| luminance(photon.flux_w))
+        };
+        (0..POINTS).map(flux).sum::<f64>() / f64::from(POINTS)
+    }
+}
