@@ -98,6 +98,11 @@ impl SceneFacts {
         self.emissive_triangles > 0 || self.punctual_lights > 0 || self.environment_is_lit
     }
 
+    /// Some light may take ways that a path from the eye cannot find: from a light without size by a mirror or clear glass.
+    pub fn hides_light(&self) -> bool {
+        self.punctual_lights > 0 && (self.mirror > 0 || self.glass > 0)
+    }
+
     /// Some placed material has a specular lobe of any kind.
     pub fn is_specular(&self) -> bool {
         self.glossy > 0 || self.mirror > 0 || self.glass > 0

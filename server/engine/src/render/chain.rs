@@ -7,6 +7,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use super::hidden::HiddenLight;
 use crate::{
     film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at},
     technique::{
@@ -51,21 +52,30 @@ impl Measuring {
     /// Measures until its share of `rays_spent` is used up.
     ///
     /// - `film`: of looked-up light
+    /// - `hidden`: what path tracing cannot find; renewed by part of the share
     pub(super) fn keep_up(
         &mut self,
-        world: &World,
-        view: &View,
+        (world, view): (&World, &View),
         film: &Film,
+        mut hidden: Option<&mut HiddenLight>,
         rays_spent: u64,
         cancel: &AtomicBool,
     ) -> Counts {
         let mut all = Counts::default();
-        while (self.rays as f64) < GAUGE_SHARE * rays_spent as f64 {
+        let is_due = |rays: u64| (rays as f64) < GAUGE_SHARE * rays_spent as f64;
+        if let Some(hidden) = hidden.as_mut().filter(|_| is_due(self.rays)) {
+            let counts = hidden.renew(world, cancel);
+            self.rays += counts.all_rays();
+            all += counts;
+        }
+        while is_due(self.rays) {
             // Looked for anew when the film has twice the passes: it takes a look at every pixel.
             if film.passes_min() >= 2 * self.expected.0.max(1) {
                 self.expected = (film.passes_min(), expected_error(film));
             }
-            let counts = self.gauge.step(world, view, self.samples_enough, &self.expected.1, cancel);
+            let maps = hidden.as_ref().map_or([None, None], |hidden| hidden.maps());
+            let expected = &self.expected.1;
+            let counts = self.gauge.step((world, view), self.samples_enough, expected, maps, cancel);
             if counts == Counts::default() {
                 return all;
             }

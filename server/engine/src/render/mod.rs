@@ -6,6 +6,7 @@
 //! measures what comes of it. Imports every room to its left; the server talks to this one.
 
 mod chain;
+mod hidden;
 mod illumination;
 mod learner;
 #[cfg(test)]
@@ -22,13 +23,14 @@ use crate::{
     math::sobol,
     scene::CameraView,
     technique::{
-        Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
+        Canvas, Counts, FocusedLight, Products, Progress, SecondaryLight, Step, Technique, View,
         caustics::{CausticReport, CausticSettings, Caustics},
         path::{PathClasses, PathSettings, PathTracer},
     },
     transport::{PathClass, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
+use hidden::HiddenLight;
 
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
@@ -130,7 +132,9 @@ pub struct Rendering {
     technique: PathTracer,
     /// Where light is looked up and the scene has caustics: what makes them, and those of this pass.
     caustics: Option<Caustics>,
-    products: Products,
+    caustics_of_pass: Option<Arc<dyn FocusedLight>>,
+    /// What path tracing cannot find of its light.
+    hidden: Option<HiddenLight>,
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
     traced: Option<Film>,
     settings: RenderSettings,
@@ -178,18 +182,20 @@ impl Rendering {
         known: Option<Arc<dyn SecondaryLight>>,
     ) -> Rendering {
         let is_learnt = settings.learns().is_some();
-        let has_caustics = is_learnt
-            && settings.bounces_max.is_none_or(|bounces| bounces > 1)
-            && EffectPlan::of(world.scene()).is_on(EffectKind::Caustics);
+        let plan = (is_learnt && settings.bounces_max.is_none_or(|bounces| bounces > 1))
+            .then(|| EffectPlan::of(world.scene()))
+            .filter(|plan| plan.is_on(EffectKind::Caustics));
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
-        let caustics = has_caustics.then(|| Caustics::new(of));
+        let caustics = plan.as_ref().map(|_| Caustics::new(of));
+        let hidden = plan.and_then(|plan| HiddenLight::of(&plan, &settings, size));
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
             technique: tracer(&settings, known),
             caustics,
-            products: Products::default(),
+            caustics_of_pass: None,
+            hidden,
             traced: None,
             settings,
             learner: None,
@@ -225,15 +231,22 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
-        let mut counts = Counts::default();
-        // A pass that was cut short goes on with what it began with.
         let is_new = self.film.passes_min() == self.film.passes_max();
-        if let Some(caustics) = self.caustics.as_mut().filter(|_| is_new && self.technique.asks()) {
-            let mut step = Step { world: &self.world, products: &mut self.products, canvas: None, cancel };
-            counts = caustics.step(&mut step).counts;
+        let (mut products, mut counts) = (Products::default(), Counts::default());
+        match &mut self.caustics {
+            Some(caustics) if self.technique.asks() => {
+                products.caustics = self.caustics_of_pass.take();
+                // A pass that was cut short goes on with what it began with.
+                if is_new || products.caustics.is_none() {
+                    let mut step = Step { world: &self.world, products: &mut products, canvas: None, cancel };
+                    counts = caustics.step(&mut step).counts;
+                }
+                self.caustics_of_pass = products.caustics.clone();
+            }
+            _ => (products, counts) = self.hidden_light(is_new, cancel),
         }
         let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
-        let mut step = Step { world: &self.world, products: &mut self.products, canvas, cancel };
+        let mut step = Step { world: &self.world, products: &mut products, canvas, cancel };
         let progress = self.technique.step(&mut step);
         let counts = counts + progress.counts;
         self.looked_up_rays += counts.all_rays();
@@ -243,15 +256,27 @@ impl Rendering {
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
         let size = self.film.size();
+        let is_new = self.traced.as_ref().is_none_or(|film| film.passes_min() == film.passes_max());
+        let (mut products, counts) = self.hidden_light(is_new, cancel);
         let film = self.traced.get_or_insert_with(|| Film::new(size));
         let canvas = Some(Canvas { view: &self.view, film });
-        let mut step = Step { world: &self.world, products: &mut Products::default(), canvas, cancel };
+        let mut step = Step { world: &self.world, products: &mut products, canvas, cancel };
         // With numbers of its own: its samples are independent of the other film's.
         let settings = all_paths(&self.settings);
         let settings = PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings };
         let progress = PathTracer::new(settings).step(&mut step);
-        self.traced_rays += progress.counts.all_rays();
-        progress
+        let counts = counts + progress.counts;
+        self.traced_rays += counts.all_rays();
+        Progress { counts, ..progress }
+    }
+
+    /// What a path-traced pass cannot find by itself.
+    ///
+    /// - `is_new`: the pass begins
+    fn hidden_light(&mut self, is_new: bool, cancel: &AtomicBool) -> (Products, Counts) {
+        let Some(hidden) = &mut self.hidden else { return (Products::default(), Counts::default()) };
+        let counts = if is_new { hidden.renew(&self.world, cancel) } else { Counts::default() };
+        (hidden.products(), counts)
     }
 
     /// Which film is drawn next.
@@ -281,7 +306,8 @@ impl Rendering {
     fn measure(&mut self, cancel: &AtomicBool) {
         let Some(measuring) = &mut self.measuring else { return };
         let spent = self.counts.all_rays();
-        self.counts += measuring.keep_up(&self.world, &self.view, &self.film, spent, cancel);
+        self.counts +=
+            measuring.keep_up((&self.world, &self.view), &self.film, self.hidden.as_mut(), spent, cancel);
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
             let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };

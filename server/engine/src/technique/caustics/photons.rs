@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::map::CausticPhoton;
+use super::{CausticLight, CausticSettings, map::CausticPhoton};
 use crate::{
     math::{octahedral, sobol},
     transport::{Aim, EmissionNumbers, Flight, Source, SourceName, World},
@@ -21,8 +21,7 @@ const CHUNK: u32 = 1024;
 pub(super) struct CausticTracer<'a> {
     pub(super) world: &'a World,
     pub(super) aim: &'a Aim,
-    /// Most surfaces that a photon reaches; `None`: no bound.
-    pub(super) bounces_max: Option<u32>,
+    pub(super) settings: &'a CausticSettings,
 }
 
 /// Names the numbers of a light's photons; its last bit is free.
@@ -77,7 +76,7 @@ impl CausticTracer<'_> {
         let Some(emitted) = self.world.emit_at(source, self.aim, &numbers) else { return 0 };
         let mut flight = Flight::begin(emitted.ray, emitted.flux_w * share);
         let faint = ROULETTE_SHARE * flight.weight.luminance();
-        let bounces_end = self.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END);
+        let bounces_end = self.settings.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END);
         for bounce in 0..bounces_end {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
@@ -95,6 +94,9 @@ impl CausticTracer<'_> {
             }
             let [lobe, u, v, survival] = four(2 + bounce);
             let drawn = surface.bsdf.sample_specular(surface.frame.to_local(towards_light), [lobe, u, v]);
+            // From a lobe with a width the light itself is sampled.
+            let is_hidden = bounce > 0 || drawn.is_some_and(|drawn| drawn.pdf_solid_angle.is_none());
+            let drawn = drawn.filter(|_| is_hidden || self.settings.light == CausticLight::All);
             let Some(mut next) = drawn.and_then(|drawn| flight.scattered(&surface, &drawn)) else {
                 return u64::from(bounce) + 1;
             };

@@ -1,1 +1,259 @@
+//! Laws of caustics: where focused flux ends up, how much of it, and that what is not there costs nothing.
 
+use std::{
+    f64::consts::PI,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use glam::{DAffine3, DVec3, Vec3};
+
+use super::{map::Pilot, *};
+use crate::{
+    accel::Ray,
+    math::{Rgb, RunningStatistics},
+    scene::{
+        Light, LightKind, Material, Scene,
+        samples::{self, Stage, cuboid, quad, sphere},
+    },
+    technique::{
+        FocusedLight, Products,
+        photons::{PhotonSettings, PhotonTracing},
+    },
+};
+
+fn settings(photons_per_pass: u32) -> CausticSettings {
+    CausticSettings { photons_per_pass, photons_max: 1 << 20, ..CausticSettings::of(1, None, 3) }
+}
+
+fn world_of(scene: Scene) -> World {
+    World::prepare(Arc::new(scene))
+}
+
+fn next_map(caustics: &mut Caustics, world: &World) -> Option<Arc<dyn FocusedLight>> {
+    let mut products = Products::default();
+    let cancel = AtomicBool::new(false);
+    let mut step = Step { world, products: &mut products, canvas: None, cancel: &cancel };
+    assert!(caustics.step(&mut step).complete);
+    products.caustics
+}
+
+fn v(x: f64, y: f64, z: f64) -> DVec3 {
+    DVec3::new(x, y, z)
+}
+
+/// A white ceiling of 16 m at y = 4, a square of `half` m that faces up at y = 1, and a light at (`x`, 3, 0).
+fn stage_with_mirror(half: f64, mirror: Material, kind: LightKind, x: f64) -> Stage {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+    let mirror = stage.material("mirror", mirror).unwrap();
+    let square = |h: f64, y: f64| [v(-h, y, h), v(h, y, h), v(h, y, -h), v(-h, y, -h)];
+    stage.place("ceiling", quad(square(8.0, 4.0), &white), DAffine3::IDENTITY).unwrap();
+    stage.place("mirror", quad(square(half, 1.0), &mirror), DAffine3::IDENTITY).unwrap();
+    let light = Light { kind, parent: None, position: v(x, 3.0, 0.0), direction: DVec3::NEG_Y };
+    stage.light("light", light).unwrap();
+    stage
+}
+
+fn mirror(reflectance: f32) -> Material {
+    Material { base_color: Rgb::splat(reflectance), metallic: 1.0, roughness: 0.0, ..Material::default() }
+}
+
+fn point(intensity: f32) -> LightKind {
+    LightKind::Point { intensity: Rgb::splat(intensity) }
+}
+
+/// Radiance that the matt ceiling at `to` sends down of the caustics in `map`.
+fn seen_at(world: &World, map: &dyn FocusedLight, to: DVec3) -> f64 {
+    let ray = Ray::new(world.accel().to_render(to - DVec3::Y), Vec3::Y);
+    let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+    f64::from(map.scattered(&surface, -ray.direction).diffuse.g)
+}
+
+/// A point light over a mirror lights the ceiling like a second one below the mirror: I · ρ · cos θ / d² · albedo / π.
+#[test]
+fn a_mirror_lights_the_ceiling_as_the_image_of_the_light_would() {
+    let world = world_of(stage_with_mirror(2.0, mirror(0.9), point(5.0), 0.0).finish());
+    let image = v(0.0, -1.0, 0.0);
+    let expected = |to: DVec3| {
+        let away = to - image;
+        5.0 * 0.9 * (away.normalize().y / away.length_squared()) * 0.8 / PI
+    };
+    let mut caustics = Caustics::new(settings(40_000));
+    let mut ratios = RunningStatistics::default();
+    for _ in 0..16 {
+        let map = next_map(&mut caustics, &world).unwrap();
+        // Of the 10 m that are lit, the inner 8, in shares of what is expected there.
+        let places = (0..400).map(|i| v(f64::from(i % 20) * 0.4 - 3.8, 4.0, f64::from(i / 20) * 0.4 - 3.8));
+        let sum: f64 = places.map(|to| seen_at(&world, &*map, to) / expected(to)).sum();
+        ratios.add(sum / 400.0);
+        // Beyond what the mirror's edge sends there is nothing.
+        assert_eq!(seen_at(&world, &*map, v(6.5, 4.0, 0.0)), 0.0);
+    }
+    assert!((ratios.mean() - 1.0).abs() < 0.01, "{}", ratios.mean());
+    assert!(ratios.standard_error() < 0.005, "{}", ratios.standard_error());
+}
+
+/// Flux on all diffuse surfaces by way of glass and mirrors is that of blind photons, and of a glass ball over a floor it is
+/// what Fresnel's equations and absorption leave.
+#[test]
+fn aimed_photons_bring_the_flux_of_blind_ones() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let aimed: f64 =
+        photons_of_a_pass(&world, &settings(2_000_000)).iter().map(|p| f64::from(p.flux_w.luminance())).sum();
+    let mut tracing =
+        PhotonTracing::new(PhotonSettings { emitted_count: 2_000_000, ..PhotonSettings::default() });
+    tracing.trace_all(&world);
+    let hits =
+        tracing.paths().hits().filter(|(hit, _)| hit.class() == PathClass::Caustic && hit.is_on_diffuse());
+    let blind: f64 = hits.map(|(_, flux)| f64::from(flux.luminance())).sum();
+    assert!((aimed / blind - 1.0).abs() < 0.01, "{aimed} W for {blind} W");
+}
+
+/// A sphere of clear glass under the sun loses light by Fresnel reflection alone: of what the disc catches, the floor
+/// gets what passes twice, straight from the sun's direction on average over the disc.
+#[test]
+fn a_glass_ball_lets_through_what_fresnel_says() {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+    let glass = Material {
+        transmission: 1.0,
+        roughness: 0.0,
+        ior: 1.5,
+        base_color: Rgb::WHITE,
+        ..Material::default()
+    };
+    let glass = stage.material("glass", glass).unwrap();
+    let h = 40.0;
+    let floor = [v(-h, -1.2, h), v(h, -1.2, h), v(h, -1.2, -h), v(-h, -1.2, -h)];
+    stage.place("floor", quad(floor, &white), DAffine3::IDENTITY).unwrap();
+    stage.place("ball", sphere(DVec3::ZERO, 1.0, 96, &glass), DAffine3::IDENTITY).unwrap();
+    let sun = LightKind::Directional { irradiance: Rgb::splat(3.0) };
+    let light = Light { kind: sun, parent: None, position: DVec3::ZERO, direction: DVec3::NEG_Y };
+    stage.light("sun", light).unwrap();
+    let world = world_of(stage.finish());
+    // Photons that passed without further reflection inside come from above, through the ball: within its double shadow.
+    let photons = photons_of_a_pass(&world, &settings(60_000_000));
+    let through: f64 = photons
+        .iter()
+        .filter(|photon| photon.position.with_y(0.0).length() < 1.0)
+        .map(|photon| f64::from(photon.flux_w.g))
+        .sum();
+    // ∫ (1 − F(θ))² over the disc; rays cross the floor 0.2 m below the ball within its radius, whatever their offset.
+    let mut expected = 0.0;
+    let rings = 20_000;
+    for ring in 0..rings {
+        let s = (f64::from(ring) + 0.5) / f64::from(rings);
+        let (cos_i, cos_t) = ((1.0 - s * s).sqrt(), (1.0 - s * s / 2.25f64).sqrt());
+        let parallel = (1.5 * cos_i - cos_t) / (1.5 * cos_i + cos_t);
+        let perpendicular = (cos_i - 1.5 * cos_t) / (cos_i + 1.5 * cos_t);
+        let passing = 1.0 - 0.5 * (parallel * parallel + perpendicular * perpendicular);
+        expected += passing * passing * 2.0 * PI * s / f64::from(rings) * 3.0;
+    }
+    // Some of what was reflected inside falls there as well: below one percent of it.
+    assert!(through > 0.99 * expected && through < 1.02 * expected, "{through} W for {expected} W");
+}
+
+/// What two halves of the passes say is independent, and the mean does not depend on threads.
+#[test]
+fn maps_are_the_same_whatever_the_threads() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let of_threads = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| photons_of_a_pass(&world, &settings(50_000)))
+    };
+    let [one, three] = [1, 3].map(of_threads);
+    assert!(!one.is_empty() && one == three);
+}
+
+/// Without mirrors and glass, or light, nothing is traced and nothing held.
+#[test]
+fn what_is_not_there_costs_nothing() {
+    for scene in [samples::boxes().unwrap(), samples::furnace(0.5, 1.0).unwrap(), Scene::default()] {
+        let world = world_of(scene);
+        let mut caustics = Caustics::new(settings(10_000));
+        assert!(next_map(&mut caustics, &world).is_none());
+        assert_eq!(caustics.report(), CausticReport::default());
+    }
+    // A lamp alone is no hidden light.
+    let world = world_of(samples::cornell_box().unwrap());
+    let mut caustics = Caustics::new(CausticSettings { light: CausticLight::Hidden, ..settings(10_000) });
+    assert!(next_map(&mut caustics, &world).is_none());
+    assert_eq!(caustics.report(), CausticReport::default());
+}
+
+/// Photons go with the solid angle of what they are aimed at: of a ball of half the width a quarter, each of the same flux.
+#[test]
+fn cost_is_in_proportion_to_the_light_that_is_caught() {
+    let emitted = |half: f64| {
+        let mut stage = stage_with_mirror(0.01, Material::lambert(Rgb::splat(0.5)), point(1.0), 0.0);
+        let glass = Material { transmission: 1.0, roughness: 0.0, ..Material::default() };
+        let glass = stage.material("glass", glass).unwrap();
+        stage
+            .place("ball", cuboid(v(-half, -half, -half), v(half, half, half), &glass), DAffine3::IDENTITY)
+            .unwrap();
+        let mut caustics = Caustics::new(settings(1_000_000));
+        next_map(&mut caustics, &world_of(stage.finish()));
+        caustics.report().photons_emitted as f64
+    };
+    let [large, small] = [0.2, 0.1].map(emitted);
+    assert!((large / small / 4.0 - 1.0).abs() < 0.03, "{large} and {small}");
+    // Of a sphere of √3 · 0.2 m three metres away: (1 − cos) / 2.
+    let sin2: f64 = 3.0 * 0.04 / 9.0;
+    let share = 0.5 * (1.0 - (1.0 - sin2).sqrt());
+    assert!((large / (1e6 * share) - 1.0).abs() < 0.03, "{large} of 1,000,000, share {share}");
+}
+
+/// Whatever photons there are, maps are finite and not negative: none, one, many in one place, on a line, of enormous and of
+/// tiny flux, far from the origin.
+#[test]
+fn degenerate_photons_make_finite_maps() {
+    let world = world_of(stage_with_mirror(2.0, mirror(0.9), point(1.0), 0.0).finish());
+    let ray = Ray::new(world.accel().to_render(v(0.0, 2.0, 0.0)), Vec3::Y);
+    let hit = world.closest_hit(&ray).unwrap();
+    let surface = world.surface(&hit, ray.direction);
+    let at = surface.point.position;
+    let photon = |offset: Vec3, flux: f32| CausticPhoton {
+        position: at + offset,
+        radius_m: 0.0,
+        flux_w: Rgb::splat(flux),
+        direction: crate::math::octahedral::encode(Vec3::NEG_Y),
+        normal: crate::math::octahedral::encode(Vec3::NEG_Y),
+    };
+    let line = |count: u32, flux: f32| (0..count).map(move |i| photon(Vec3::X * i as f32 * 0.01, flux));
+    let cases: Vec<Vec<CausticPhoton>> = vec![
+        vec![],
+        vec![photon(Vec3::ZERO, 1.0)],
+        vec![photon(Vec3::ZERO, 1.0); 1000],
+        line(2, 1.0).collect(),
+        line(300, 1e-30).collect(),
+        line(300, 1e30).collect(),
+        line(100, 1.0).chain(std::iter::once(photon(Vec3::Z * 1e6, 1.0))).collect(),
+        vec![photon(Vec3::ZERO, 1.0); 500].into_iter().chain(line(2, 1.0)).collect(),
+    ];
+    for photons in cases {
+        let pilot = Pilot::of(&photons);
+        for shrinking in [1.0, 1e-3] {
+            let count = photons.len();
+            let map = CausticMap::of(photons.clone(), &pilot, shrinking);
+            let light = map.scattered(&surface, -ray.direction);
+            assert!(light.diffuse.is_finite() && light.diffuse.is_non_negative(), "{count}: {light:?}");
+        }
+    }
+}
+
+/// Blurred or not, a map holds the flux of its photons: the mean irradiance over a plane is flux over area.
+#[test]
+fn blurs_keep_flux() {
+    let world = world_of(stage_with_mirror(0.5, mirror(1.0), point(2.0), 0.2).finish());
+    let of = settings(60_000);
+    let flux: f64 = photons_of_a_pass(&world, &of).iter().map(|photon| f64::from(photon.flux_w.g)).sum();
+    let map = next_map(&mut Caustics::new(of), &world).unwrap();
+    let mut radiosity = 0.0;
+    const SIDE: u32 = 200;
+    for i in 0..SIDE * SIDE {
+        let place = |index: u32| 16.0 * (f64::from(index) + 0.5) / f64::from(SIDE) - 8.0;
+        radiosity += PI / 0.8 * seen_at(&world, &*map, v(place(i % SIDE), 4.0, place(i / SIDE)));
+    }
+    let measured = radiosity * (16.0 / f64::from(SIDE)).powi(2);
+    assert!((measured / flux - 1.0).abs() < 0.01, "{measured} W for {flux} W");
+}

@@ -31,7 +31,7 @@ pub(super) struct Tracer<'a> {
     pub(super) settings: PathSettings,
     /// What answers for light that does not fall on the first diffuse surface straight from its source.
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
-    /// What answers for caustics in its place.
+    /// What answers for caustics in its place; where all paths are traced, for those that cannot be found alone.
     pub(super) caustics: Option<&'a dyn FocusedLight>,
     /// A diffuse surface nearer than so many times the blur of what is known there is not answered for itself, but what it sees
     /// in turn: so near the blur would show.
@@ -68,7 +68,8 @@ struct Path<'a> {
     near_count: u32,
     /// It was sent on by a mirror or glass since.
     is_by_mirrors: bool,
-    /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one.
+    /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
+    /// and after a diffuse one.
     since_gathered: u32,
     sampler: &'a PixelSampler,
 }
@@ -139,7 +140,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
-            if !path.is_beyond_mirrors() && !path.is_known_to_gloss() {
+            if !path.is_beyond_mirrors() && !self.has_gathered(path, 2) {
                 self.add_environment(path, sample);
             }
             return false;
@@ -159,7 +160,7 @@ impl Tracer<'_> {
             sample.normal = surface.frame.n;
             sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
-        if !path.is_beyond_mirrors() && !path.is_known_to_gloss() {
+        if !path.is_beyond_mirrors() && !self.has_gathered(path, 2) {
             self.add_emission(path, &hit, &surface, sample);
         }
         let is_beyond_near = path.is_beyond_near();
@@ -193,7 +194,8 @@ impl Tracer<'_> {
         if !self.scatter(path, &surface, followed) {
             return false;
         }
-        path.since_gathered += u32::from(is_gathering || path.since_gathered > 0);
+        let goes_on = path.is_by_mirrors && (is_gathering || path.since_gathered > 0);
+        path.since_gathered = if goes_on { path.since_gathered + 1 } else { 0 };
         true
     }
 
@@ -275,15 +277,10 @@ impl Tracer<'_> {
             let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter);
             let (weight, is_wanted) = match followed {
-                // Gathered for a gloss that the path came by.
-                Followed::Wanted
-                    if path.since_gathered > 0
-                        && scatter == Scatter::Specular
-                        && class == PathClass::Emitted =>
-                {
-                    (0.0, false)
+                Followed::Wanted => {
+                    let is_gathered = scatter == Scatter::Specular && self.has_gathered(path, 1);
+                    (weight, self.wants(class) && !is_gathered)
                 }
-                Followed::Wanted => (weight, self.wants(class)),
                 // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
                 Followed::All => (weight, scatter == Scatter::Diffuse),
                 Followed::Specular => (1.0, scatter == Scatter::Diffuse),
@@ -316,19 +313,31 @@ impl Tracer<'_> {
     }
 
     /// Adds what the surface sends to the eye of light that only mirrors and glass sent on before, by its diffuse lobe and by
-    /// a broad gloss. True if that gloss has all of it: what the path finds by way of further mirrors is then part of it.
+    /// a broad gloss. True if that gloss has all of it: what is gathered by way of further mirrors would be part of it.
     fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
-        let Some(caustics) = self.caustics.filter(|_| path.class == PathClass::Emitted) else { return false };
+        let Some(caustics) = self.caustics.filter(|_| !path.is_beyond_near()) else { return false };
         let is_broad = surface.bsdf.has_broad_gloss() && path.since_gathered == 0;
-        if !(is_broad || surface.bsdf.has_diffuse()) || !self.asks_for_more(path) {
+        let is_diffuse = surface.bsdf.has_diffuse();
+        if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
             return false;
         }
         let focused = caustics.scattered(surface, -path.ray.direction);
-        sample.radiance[PathClass::Caustic as usize] += path.throughput * focused.diffuse;
+        let mut add = |scatter, radiance| {
+            let class = path.class.after(scatter).after(Scatter::Specular);
+            sample.radiance[class as usize] += path.throughput * radiance;
+        };
+        if is_diffuse {
+            add(Scatter::Diffuse, focused.diffuse);
+        }
         if is_broad {
-            sample.radiance[PathClass::Emitted as usize] += path.throughput * focused.glossy;
+            add(Scatter::Specular, focused.glossy);
         }
         is_broad
+    }
+
+    /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
+    fn has_gathered(&self, path: &Path<'_>, scatterings: u32) -> bool {
+        self.settings.classes == PathClasses::EmittedAndDirect && path.since_gathered >= scatterings
     }
 
     fn wants(&self, class: PathClass) -> bool {
@@ -381,12 +390,6 @@ impl Path<'_> {
     /// It went on from there past mirrors or glass: what lights send by way of those is known as the near surface's caustics.
     fn is_beyond_mirrors(&self) -> bool {
         self.is_beyond_near() && self.is_by_mirrors
-    }
-
-    /// It was scattered again since a gloss for which light by way of mirrors was gathered: lights that it meets now are part of
-    /// that.
-    fn is_known_to_gloss(&self) -> bool {
-        self.class == PathClass::Emitted && self.since_gathered > 1
     }
 
     /// Share of a light's radiance that the path's medium leaves on the way along `shadow_ray`.

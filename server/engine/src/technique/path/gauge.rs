@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::{Counts, PathSettings, Tracer, View, cpu::primary_ray};
+use super::{Counts, FocusedLight, PathSettings, Tracer, View, cpu::primary_ray};
 use crate::{
     film::{GaugedPixel, PictureSize, PixelSample},
     math::sobol::{self, PixelSampler},
@@ -78,12 +78,13 @@ impl Gauge {
     ///
     /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected, or
     ///   nothing. Whatever it says, the measure stays unbiased.
+    /// - `hidden`: what path tracing cannot find, for either half
     pub fn step(
         &mut self,
-        world: &World,
-        view: &View,
+        (world, view): (&World, &View),
         samples_enough: f64,
         expected: &[f32],
+        hidden: [Option<&dyn FocusedLight>; 2],
         cancel: &AtomicBool,
     ) -> Counts {
         if cancel.load(Ordering::Relaxed) {
@@ -99,15 +100,14 @@ impl Gauge {
                 self.sets.len() - 1
             }
         };
-        let secondary = None;
-        let tracer = Tracer {
+        let tracers = hidden.map(|caustics| Tracer {
             world,
             view: Some(view),
             settings: self.settings,
-            secondary,
-            caustics: None,
+            secondary: None,
+            caustics,
             near_blurs: 0.0,
-        };
+        });
         let width = self.size.width();
         let set = &mut self.sets[index];
         let numbers = set.samples..set.samples + STEP_SAMPLES;
@@ -117,7 +117,7 @@ impl Gauge {
             let mut counts = Counts::default();
             numbers
                 .clone()
-                .for_each(|number| point.add(&tracer, (view, width), sequences, number, &mut counts));
+                .for_each(|number| point.add(&tracers, (view, width), sequences, number, &mut counts));
             counts
         };
         // In order: sums do not depend on the threads.
@@ -235,21 +235,22 @@ impl Point {
     /// One sample to either half.
     fn add(
         &mut self,
-        tracer: &Tracer<'_>,
+        tracers: &[Tracer<'_>; 2],
         (view, width): (&View, u32),
         sequences: [u32; 2],
         number: u32,
         counts: &mut Counts,
     ) {
         let pixel = self.y * width + self.x;
-        let [a, b]: [[f64; 3]; 2] = sequences.map(|sequence| {
+        let mut sample = |tracer: &Tracer<'_>, sequence: u32| {
             let sampler = PixelSampler::new(tracer.settings.seed, sequence, pixel, number);
             let ray = primary_ray(view, self.x, self.y, &sampler);
             let sample = tracer.sample_pixel(&ray, tracer.world.closest_hit(&ray), &sampler, counts);
             // What a film would not take counts as black, as there.
             let sample = if sample.is_sound() { sample } else { PixelSample::BLACK };
             sample.total().to_array().map(f64::from)
-        });
+        };
+        let [a, b]: [[f64; 3]; 2] = [0, 1].map(|half| sample(&tracers[half], sequences[half]));
         for (half, sample) in self.halves.iter_mut().zip([a, b]) {
             half.iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
         }
@@ -297,7 +298,7 @@ mod tests {
         let mut gauge = Gauge::new(PathSettings { classes, bounces_max: None, seed: 0 }, size);
         let never = AtomicBool::new(false);
         (0..8).for_each(|_| {
-            gauge.step(&world, &view, 16.0, &[], &never);
+            gauge.step((&world, &view), 16.0, &[], [None, None], &never);
         });
         let pixels = gauge.pixels();
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));

@@ -12,7 +12,8 @@
 //! answers for the rays that others gather light along ([`ArrivingLight`]).
 //!
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
-//! for any eye path), as in every path tracer; the caustics room will.
+//! for any eye path), as in every path tracer. The caustics room brings it, where [`super::Products::caustics`] holds that
+//! alone; the picture is then consistent, no more unbiased.
 
 #[cfg(test)]
 mod closed_forms;
@@ -109,7 +110,7 @@ impl Technique for PathTracer {
             view: Some(view),
             settings: self.settings,
             secondary,
-            caustics: step.products.caustics.as_deref().filter(|_| self.asks()),
+            caustics: step.products.caustics.as_deref(),
             near_blurs: 0.0,
         };
         let film = &mut *canvas.film;

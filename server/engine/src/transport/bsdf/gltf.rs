@@ -165,7 +165,7 @@ impl Gltf {
         }
         let mut sample = self.sample_specular(wo, u, 1.0)?;
         sample.wi.z *= side;
-        Some(BsdfSample { pdf_solid_angle: None, ..sample })
+        Some(sample)
     }
 
     fn sample_diffuse(&self, wo: Vec3, u: [f32; 2], chance: f32) -> Option<BsdfSample> {

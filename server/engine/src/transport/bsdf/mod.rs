@@ -173,7 +173,7 @@ impl Bsdf {
 
 impl Bsdf {
     /// Draws a direction as [`Bsdf::sample`] does, but of the lobes that are not diffuse alone: their whole light is in it.
-    /// The density is not told. `None`: nothing goes on.
+    /// `None`: nothing goes on.
     pub fn sample_specular(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         match self {
             Bsdf::Black | Bsdf::Lambert { .. } => None,

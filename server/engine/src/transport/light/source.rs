@@ -103,6 +103,12 @@ impl Source {
         self.power_w
     }
 
+    /// It has no size, neither as a surface nor in the sky: no ray can meet it.
+    pub fn is_delta(&self) -> bool {
+        use SourceKind::*;
+        matches!(self.kind, Point { .. } | Spot { .. } | Directional { .. })
+    }
+
     /// True when both send out the very same photons for the same numbers.
     pub fn emits_like(&self, other: &Source) -> bool {
         use SourceKind::*;

@@ -254,3 +254,147 @@ impl World {
         (0..POINTS).map(flux).sum::<f64>() / f64::from(POINTS)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DAffine3, DQuat, DVec3};
+
+    use super::*;
+    use crate::{
+        math::RunningStatistics,
+        scene::{
+            Environment, Light, LightKind, Material,
+            samples::{Stage, quad},
+        },
+    };
+
+    const ROOM_HALF_M: f64 = 3.0;
+
+    /// A world of four floating corners, so that its bounds are known, with one light.
+    fn world(light: impl FnOnce(&mut Stage)) -> World {
+        let mut stage = Stage::default();
+        let matt = stage.material("matt", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let h = ROOM_HALF_M;
+        let floor =
+            [DVec3::new(-h, -h, h), DVec3::new(h, -h, h), DVec3::new(h, -h, -h), DVec3::new(-h, -h, -h)];
+        stage.place("floor", quad(floor, &matt), DAffine3::IDENTITY).unwrap();
+        let ceiling = floor.map(|corner| corner.with_y(h));
+        stage.place("ceiling", quad(ceiling, &matt), DAffine3::IDENTITY).unwrap();
+        light(&mut stage);
+        World::prepare(Arc::new(stage.finish()))
+    }
+
+    fn punctual(kind: LightKind) -> World {
+        world(|stage| {
+            let direction = DVec3::new(0.3, -1.0, 0.2).normalize();
+            let light = Light { kind, parent: None, position: DVec3::new(0.0, 2.0, 0.0), direction };
+            stage.light("lamp", light).unwrap();
+        })
+    }
+
+    fn lamp(two_sided: bool) -> World {
+        world(|stage| {
+            let emitter = Material { double_sided: two_sided, ..Material::emitter(Rgb::splat(3.0)) };
+            let lamp = stage.material("lamp", emitter).unwrap();
+            let corners = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]];
+            let corners = corners.map(|[x, y]| DVec3::new(x, y, 0.0));
+            let tilted = DAffine3::from_rotation_translation(DQuat::from_rotation_x(1.2), DVec3::Y);
+            stage.place("lamp", quad(corners, &lamp), tilted).unwrap();
+        })
+    }
+
+    fn sky() -> World {
+        world(|stage| stage.builder().set_environment(Environment::Constant(Rgb::splat(2.0))).unwrap())
+    }
+
+    fn meets(ray: &Ray, sphere: &Sphere) -> bool {
+        let direction = ray.direction.normalize();
+        let to = sphere.middle - ray.origin;
+        let along = to.dot(direction);
+        let beside = (to - direction * along).length_squared();
+        let r2 = sphere.radius_m * sphere.radius_m;
+        beside <= r2 && (along >= 0.0 || to.length_squared() <= r2)
+    }
+
+    /// Independent numbers: the standard error of a mean is then that of independent draws.
+    fn numbers(i: u32) -> EmissionNumbers {
+        let [u, v, s, t] = sobol::point(2 * u64::from(i) + 1, 0);
+        let [side, ..] = sobol::point(2 * u64::from(i) + 2, 0);
+        EmissionNumbers { direction: [u, v], position: [s, t], side }
+    }
+
+    /// Aimed photons bring the spheres, and every smaller thing in them, the flux that blind ones bring: every kind of light,
+    /// spheres far and near, overlapping, around the light, and all around.
+    #[test]
+    fn aimed_flux_is_that_of_blind_emission() {
+        let ball = |x: f32, y: f32, z: f32, radius_m: f32| Sphere { middle: Vec3::new(x, y, z), radius_m };
+        let aims = [
+            vec![ball(1.0, -1.0, 0.5, 0.4)],
+            vec![ball(1.0, -1.0, 0.5, 0.9), ball(0.4, -1.2, 0.4, 0.7), ball(-1.5, 0.0, 1.0, 0.3)],
+            vec![ball(0.0, 1.5, 0.0, 1.5), ball(1.5, -2.0, 0.0, 0.5)],
+            vec![ball(0.0, 0.0, 0.0, 9.0)],
+        ];
+        let intensity = Rgb::new(1.0, 2.0, 3.0);
+        let worlds = [
+            punctual(LightKind::Point { intensity }),
+            punctual(LightKind::Spot { intensity, inner_angle_rad: 0.5, outer_angle_rad: 0.9 }),
+            punctual(LightKind::Directional { irradiance: intensity }),
+            lamp(false),
+            lamp(true),
+            sky(),
+        ];
+        for (which, world) in worlds.iter().enumerate() {
+            let source = &world.sources()[0];
+            for spheres in &aims {
+                let aim = Aim { spheres: spheres.clone() };
+                // What counts: the flux that meets any sphere, and that which meets the lower half of the last.
+                let last = spheres.last().unwrap();
+                let part = Sphere {
+                    middle: last.middle - Vec3::Y * 0.5 * last.radius_m,
+                    radius_m: 0.5 * last.radius_m,
+                };
+                let mut figures = [RunningStatistics::default(); 4];
+                for i in 0..60_000 {
+                    let aimed = world.emit_at(source, &aim, &numbers(i));
+                    let blind = world.emit(source, &numbers(i));
+                    let aimed = aimed.map_or((0.0, None), |p| (luminance(p.flux_w), Some(p.ray)));
+                    let blind =
+                        blind.map_or((0.0, None), |p| (luminance(p.weight) * source.power_w(), Some(p.ray)));
+                    for (offset, (flux, ray)) in [(0, aimed), (2, blind)] {
+                        let any = ray.is_some_and(|ray| spheres.iter().any(|sphere| meets(&ray, sphere)));
+                        let in_part = ray.is_some_and(|ray| meets(&ray, &part));
+                        figures[offset].add(if any { flux } else { 0.0 });
+                        figures[offset + 1].add(if in_part { flux } else { 0.0 });
+                    }
+                }
+                for pair in [[figures[0], figures[2]], [figures[1], figures[3]]] {
+                    let [aimed, blind] = pair;
+                    let error = aimed.standard_error().hypot(blind.standard_error());
+                    let off = (aimed.mean() - blind.mean()).abs();
+                    assert!(
+                        off <= 4.5 * error + 1e-4 * blind.mean(),
+                        "light {which}, {spheres:?}: {} for {} ± {error}",
+                        aimed.mean(),
+                        blind.mean()
+                    );
+                }
+                let power_w = world.power_towards_w(source, &aim);
+                // Of light that goes anywhere as well, all counts.
+                assert!(power_w >= 0.85 * figures[0].mean(), "light {which}: {power_w}");
+            }
+        }
+    }
+
+    /// Where there is nothing to aim at, or nothing that is seen, nothing is sent.
+    #[test]
+    fn nothing_is_aimed_at_nothing() {
+        let world = lamp(false);
+        let source = &world.sources()[0];
+        for spheres in [vec![], vec![Sphere { middle: Vec3::ONE, radius_m: 0.0 }]] {
+            let aim = Aim { spheres };
+            assert_eq!(world.power_towards_w(source, &aim), 0.0);
+        }
+    }
+}
