@@ -1,0 +1,193 @@
+//! Every path is in one room: the layers of pictures that are looked up, caustics among them, are those of the path tracer, in
+//! rooms of random things; and light that no path from the eye can find is in every picture of the chain alike.
+//!
+//! By default eight rooms; `LUMICAST_NIGHTLY=1` takes 200, or `LUMICAST_ROOMS` of them. A failure names its seed.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DAffine3, DVec3};
+use lumicast_engine::film::PictureSize;
+use lumicast_engine::math::{Rgb, RunningStatistics, sobol};
+use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::scene::samples::{Stage, cuboid, quad, sphere};
+use lumicast_engine::scene::{CameraView, Light, LightKind, Material, Scene};
+use lumicast_engine::transport::{PathClass, World};
+
+/// Pictures of each kind, with seeds of their own: they say how far a mean may be off.
+const PICTURES: u64 = 4;
+const SIDE: u32 = 32;
+const PASSES: u32 = 48;
+/// What photons and records may be off by in the mean of a layer, in shares of the mean of the picture.
+const BIAS_MAX: f64 = 0.012;
+
+fn v(x: f64, y: f64, z: f64) -> DVec3 {
+    DVec3::new(x, y, z)
+}
+
+/// Numbers in [0, 1) by seed and place.
+struct Dice {
+    seed: u64,
+    rolled: u32,
+}
+
+impl Dice {
+    fn roll(&mut self) -> f32 {
+        self.rolled += 1;
+        sobol::point(self.seed ^ 0x726f_6f6d, self.rolled)[0]
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * f64::from(self.roll())
+    }
+
+    fn colour(&mut self) -> Rgb {
+        Rgb::new(0.2 + 0.7 * self.roll(), 0.2 + 0.7 * self.roll(), 0.2 + 0.7 * self.roll())
+    }
+
+    fn material(&mut self) -> Material {
+        let base_color = self.colour();
+        let metal = |roughness| Material { base_color, metallic: 1.0, roughness, ..Material::default() };
+        match (self.roll() * 6.0) as u32 {
+            0 => Material::lambert(base_color),
+            // Below and above the width from which on light is gathered on a gloss.
+            1 => metal(0.25),
+            2 => metal(0.45),
+            3 => metal(0.0),
+            4 => {
+                Material { transmission: 1.0, roughness: 0.0, base_color: Rgb::WHITE, ..Material::default() }
+            }
+            _ => Material { base_color, roughness: 0.1 + 0.8 * self.roll(), ..Material::default() },
+        }
+    }
+}
+
+/// A matt room with a lamp below the ceiling and three things of random shapes and materials in it.
+fn room(seed: u64) -> Scene {
+    let mut dice = Dice { seed, rolled: 0 };
+    let mut stage = Stage::default();
+    let wall = stage.material("wall", Material::lambert(dice.colour())).expect("a material");
+    let lamp = stage.material("lamp", Material::emitter(Rgb::splat(12.0))).expect("a material");
+    stage.place("room", cuboid(v(-2., 0., -2.), v(2., 3., 2.), &wall), DAffine3::IDENTITY).expect("walls");
+    let half = dice.between(0.3, 0.8);
+    let corners = [v(-half, 0., -half), v(half, 0., -half), v(half, 0., half), v(-half, 0., half)];
+    stage.place("lamp", quad(corners, &lamp), DAffine3::from_translation(v(0., 2.9, 0.))).expect("a lamp");
+    for index in 0..3 {
+        let material = dice.material();
+        let material = stage.material(&format!("m{index}"), material).expect("a material");
+        let size = dice.between(0.25, 0.5);
+        let shape = match dice.roll() < 0.5 {
+            true => sphere(DVec3::ZERO, size, 24, &material),
+            false => cuboid(DVec3::splat(-size), DVec3::splat(size), &material),
+        };
+        // A place of its own for each, off the walls.
+        let place = v(1.2 * f64::from(index) - 1.2, dice.between(0.6, 1.2), dice.between(-1.2, 0.4));
+        let turned = DAffine3::from_rotation_y(dice.between(0.0, 3.0));
+        stage
+            .place(&format!("thing {index}"), shape, DAffine3::from_translation(place) * turned)
+            .expect("a thing");
+    }
+    let view = CameraView::look_at(v(0.2, 1.5, 1.9), v(0., 0.9, -0.5), DVec3::Y, 1.3);
+    stage.camera("main", view, 1.0).expect("a camera");
+    stage.finish()
+}
+
+fn picture(world: &Arc<World>, settings: RenderSettings, passes: u32) -> Rendering {
+    let view = world.scene().camera_view(None).expect("a camera");
+    let size = PictureSize::new(SIDE, SIDE).expect("a size");
+    let mut rendering = Rendering::new(world.clone(), view, size, settings);
+    while rendering.passes() < passes || !rendering.is_whole() {
+        rendering.step(&AtomicBool::new(false));
+    }
+    rendering
+}
+
+fn mean(layer: &[Rgb]) -> f64 {
+    layer.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / layer.len() as f64
+}
+
+/// Mean of every layer over pictures.
+fn layers(world: &Arc<World>, indirect: Indirect) -> [RunningStatistics; PathClass::COUNT] {
+    let mut of_layers = [RunningStatistics::default(); PathClass::COUNT];
+    for seed in 0..PICTURES {
+        let settings = RenderSettings { indirect, bounces_max: None, seed, learning: Learning::First };
+        let rendering = picture(world, settings, PASSES);
+        assert_eq!(rendering.dropped_samples(), 0);
+        for class in PathClass::ALL {
+            of_layers[class as usize].add(mean(&rendering.film().layer(class)));
+        }
+    }
+    of_layers
+}
+
+#[test]
+fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
+    let is_nightly = std::env::var_os("LUMICAST_NIGHTLY").is_some();
+    let rooms =
+        std::env::var("LUMICAST_ROOMS").ok().map(|rooms| rooms.parse().expect("LUMICAST_ROOMS: a number"));
+    let mut failures = Vec::new();
+    let mut with_caustics = 0;
+    for seed in 0..rooms.unwrap_or(if is_nightly { 200 } else { 8u64 }) {
+        let world = Arc::new(World::prepare(Arc::new(room(seed))));
+        let [path, looked_up] =
+            [Indirect::Path, Indirect::Irradiance].map(|indirect| layers(&world, indirect));
+        let whole: f64 = path.iter().map(RunningStatistics::mean).sum();
+        with_caustics += u32::from(path[PathClass::Caustic as usize].mean() > 0.02 * whole);
+        for class in PathClass::ALL {
+            let [expected, found] = [&path, &looked_up].map(|layers| layers[class as usize]);
+            let noise = expected.standard_error().hypot(found.standard_error());
+            // Four pictures know their own spread to a third: six deviations.
+            let allowed = BIAS_MAX * whole + 6.0 * noise;
+            let off = found.mean() - expected.mean();
+            if off.abs() > allowed || off.is_nan() {
+                failures.push(format!(
+                    "room {seed}, {}: {:.4} for {:.4} ± {noise:.4} of {whole:.4}",
+                    class.name(),
+                    found.mean(),
+                    expected.mean(),
+                ));
+            }
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
+}
+
+/// A lamp without size over a mirror in a dark room: the ceiling is lit by the mirror alone.
+fn hidden_scene() -> Scene {
+    let mut stage = Stage::default();
+    let wall = stage.material("wall", Material::lambert(Rgb::splat(0.5))).expect("a material");
+    let metal =
+        Material { base_color: Rgb::splat(0.9), metallic: 1.0, roughness: 0.0, ..Material::default() };
+    let metal = stage.material("mirror", metal).expect("a material");
+    stage.place("room", cuboid(v(-2., 0., -2.), v(2., 3., 2.), &wall), DAffine3::IDENTITY).expect("walls");
+    let corners = [v(-0.5, 0., 0.5), v(0.5, 0., 0.5), v(0.5, 0., -0.5), v(-0.5, 0., -0.5)];
+    stage
+        .place("mirror", quad(corners, &metal), DAffine3::from_translation(v(0., 0.5, 0.)))
+        .expect("a mirror");
+    let kind = LightKind::Spot { intensity: Rgb::splat(20.0), inner_angle_rad: 0.3, outer_angle_rad: 0.6 };
+    let light = Light { kind, parent: None, position: v(0.0, 1.2, 0.0), direction: DVec3::NEG_Y };
+    stage.light("spot", light).expect("a light");
+    let view = CameraView::look_at(v(0.0, 1.0, 1.9), v(0.0, 2.4, -1.0), DVec3::Y, 1.2);
+    stage.camera("main", view, 1.0).expect("a camera");
+    stage.finish()
+}
+
+#[test]
+fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
+    let world = Arc::new(World::prepare(Arc::new(hidden_scene())));
+    let of = |indirect| RenderSettings { indirect, bounces_max: None, seed: 7, learning: Learning::First };
+    let looked_up = mean(&picture(&world, of(Indirect::Irradiance), 64).picture().radiance());
+    let chain = picture(&world, of(Indirect::Auto), 1500);
+    let of_chain = chain.picture();
+    let found = mean(&of_chain.radiance());
+    assert!((found / looked_up - 1.0).abs() < 0.03, "{found} for {looked_up}");
+    // The measure of the error does not take it for one.
+    let error = chain.measured_error_of(&of_chain).expect("a measure").error();
+    assert!(error < 0.1, "{error}");
+    // What paths from the eye find by themselves is less.
+    let path = mean(&picture(&world, of(Indirect::Path), 64).picture().radiance());
+    assert!(path < 0.8 * looked_up, "{path} of {looked_up}");
+    println!("{found} for {looked_up}, path {path}, error {error}, traced share {}", of_chain.traced_share());
+    assert!(of_chain.traced_share() > 0.05, "{}: nothing was path-traced", of_chain.traced_share());
+}
