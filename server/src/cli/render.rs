@@ -287,6 +287,7 @@ impl<'a> Job<'a> {
         let plan = EffectPlan::of(self.world.scene());
         let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
         let records = rendering.records();
+        let caustics = rendering.caustics();
         let learning = light.photon_seconds + light.octree_seconds + records.seconds;
         Statistics {
             version: env!("CARGO_PKG_VERSION"),
@@ -310,7 +311,8 @@ impl<'a> Job<'a> {
                 photons: light.photon_seconds,
                 octree: light.octree_seconds,
                 gather: records.seconds,
-                frame: outcome.frame_seconds - learning,
+                caustics: caustics.seconds,
+                frame: outcome.frame_seconds - learning - caustics.seconds,
                 total: outcome.seconds + self.load_seconds,
                 ..Seconds::default()
             },
@@ -323,6 +325,8 @@ impl<'a> Job<'a> {
                 voxels: light.voxels,
                 vdls: light.vdls,
                 records: records.count,
+                caustic_photons: caustics.photons_emitted,
+                caustic_photons_stored: caustics.photons_stored,
                 ..Counts::default()
             },
             bytes: Bytes {
@@ -333,10 +337,15 @@ impl<'a> Job<'a> {
                 photons: light.photon_bytes,
                 octree: light.octree_bytes,
                 records: records.bytes,
+                caustics: caustics.bytes,
                 film: rendering.film_bytes(),
             },
             effects: statistics::effects(&plan, self.args.technique(), self.args.bounces),
-            not_run: not_run(rendering.illumination().is_some(), records.count > 0),
+            not_run: not_run(
+                rendering.illumination().is_some(),
+                records.count > 0,
+                caustics.photons_emitted > 0,
+            ),
         }
     }
 }

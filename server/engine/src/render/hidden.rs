@@ -8,7 +8,7 @@ use crate::{
     film::PictureSize,
     technique::{
         Counts, FocusedLight, Products, Step, Technique,
-        caustics::{CausticLight, CausticSettings, Caustics},
+        caustics::{CausticLight, CausticReport, CausticSettings, Caustics},
     },
     transport::World,
 };
@@ -42,6 +42,11 @@ impl HiddenLight {
         self.maps[self.passes & 1] = products.caustics;
         self.passes += 1;
         counts
+    }
+
+    /// What it took and holds.
+    pub(super) fn report(&self) -> CausticReport {
+        self.caustics.report()
     }
 
     /// The last two maps.

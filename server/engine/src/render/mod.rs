@@ -401,7 +401,8 @@ impl Rendering {
 
     /// What its caustics took and hold.
     pub fn caustics(&self) -> CausticReport {
-        self.caustics.as_ref().map(Caustics::report).unwrap_or_default()
+        let hidden = self.hidden.as_ref().map(HiddenLight::report).unwrap_or_default();
+        self.caustics.as_ref().map(Caustics::report).unwrap_or_default() + hidden
     }
 
     /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film

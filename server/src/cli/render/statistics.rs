@@ -67,6 +67,8 @@ pub(super) struct Seconds {
     pub(super) octree: f64,
     /// Finding where irradiance records are missing, and gathering them.
     pub(super) gather: f64,
+    /// Photons of caustics, and their maps.
+    pub(super) caustics: f64,
     /// Splatting.
     pub(super) splat: f64,
     /// Sampling the picture.
@@ -78,7 +80,7 @@ pub(super) struct Seconds {
 impl Seconds {
     /// Of everything that traces rays.
     fn of_rays(&self) -> f64 {
-        self.photons + self.octree + self.gather + self.frame
+        self.photons + self.octree + self.gather + self.caustics + self.frame
     }
 }
 
@@ -101,6 +103,10 @@ pub(super) struct Counts {
     pub(super) vdls: u64,
     /// Irradiance records.
     pub(super) records: u64,
+    /// Photons sent towards mirrors and glass.
+    pub(super) caustic_photons: u64,
+    /// Of those, and of what they became, what fell on surfaces that show it.
+    pub(super) caustic_photons_stored: u64,
     /// Light-map texels.
     pub(super) texels: u64,
 }
@@ -122,6 +128,8 @@ pub(super) struct Bytes {
     pub(super) octree: usize,
     /// Irradiance records and their index.
     pub(super) records: usize,
+    /// The newest map of caustics, and what says how far its photons are blurred.
+    pub(super) caustics: usize,
     /// Sums of samples.
     pub(super) film: usize,
 }
@@ -139,6 +147,9 @@ pub(super) struct EffectState {
 const NOT_BUILT: [&str; 2] = ["seconds.splat", "counts.texels"];
 /// Keys of the irradiance cache.
 const OF_RECORDS: [&str; 3] = ["seconds.gather", "counts.records", "bytes.records"];
+/// Keys of caustics.
+const OF_CAUSTICS: [&str; 4] =
+    ["seconds.caustics", "counts.caustic_photons", "counts.caustic_photons_stored", "bytes.caustics"];
 /// Keys of the octree and its photons.
 const OF_THE_OCTREE: [&str; 7] = [
     "seconds.photons",
@@ -151,10 +162,11 @@ const OF_THE_OCTREE: [&str; 7] = [
 ];
 
 /// Keys that are 0 because nothing of theirs ran.
-pub(super) fn not_run(has_photons: bool, has_records: bool) -> Vec<&'static str> {
+pub(super) fn not_run(has_photons: bool, has_records: bool, has_caustics: bool) -> Vec<&'static str> {
     let octree: &[&str] = if has_photons { &[] } else { &OF_THE_OCTREE };
     let records: &[&str] = if has_records { &[] } else { &OF_RECORDS };
-    NOT_BUILT.iter().chain(octree).chain(records).copied().collect()
+    let caustics: &[&str] = if has_caustics { &[] } else { &OF_CAUSTICS };
+    NOT_BUILT.iter().chain(octree).chain(records).chain(caustics).copied().collect()
 }
 
 /// The scene's plan as the options left it.

@@ -18,7 +18,10 @@ mod targets;
 #[cfg(test)]
 mod tests;
 
-use std::sync::{Arc, atomic::Ordering};
+use std::{
+    sync::{Arc, atomic::Ordering},
+    time::Instant,
+};
 
 pub use map::CausticMap;
 
@@ -111,9 +114,23 @@ struct AimedLight {
     photon_count: u32,
 }
 
+impl std::ops::Add for CausticReport {
+    type Output = CausticReport;
+    fn add(self, o: CausticReport) -> CausticReport {
+        CausticReport {
+            seconds: self.seconds + o.seconds,
+            photons_emitted: self.photons_emitted + o.photons_emitted,
+            photons_stored: self.photons_stored + o.photons_stored,
+            bytes: self.bytes + o.bytes,
+        }
+    }
+}
+
 /// What it took and holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CausticReport {
+    /// Seconds of following photons and of making maps.
+    pub seconds: f64,
     /// Photons sent out in all passes.
     pub photons_emitted: u64,
     /// Of those, and of what they became, what fell on diffuse surfaces.
@@ -203,7 +220,11 @@ impl Technique for Caustics {
         if step.cancel.load(Ordering::Relaxed) {
             return Progress::default();
         }
+        let start = Instant::now();
         let (map, counts) = self.next_map(step.world);
+        if map.is_some() {
+            self.report.seconds += start.elapsed().as_secs_f64();
+        }
         step.products.caustics = map.map(|map| map as _);
         Progress { counts, complete: true }
     }
