@@ -38,7 +38,7 @@ pub(super) fn run(args: ReportArgs) -> Result<(), CliError> {
 fn job_of(args: ReportArgs) -> Result<ReportJob, CliError> {
     let Some(paper) = args.paper else {
         let message = "report: the general report over all techniques is planned but does not exist yet: \
-                       choose --paper octree, --paper larsen-maps or --paper irradiance";
+                       choose --paper octree, --paper larsen-maps, --paper irradiance or --paper caustics";
         return Err(CliError::Usage(message.into()));
     };
     if args.out.exists() && !args.out.is_dir() {
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn arguments_are_read_as_documented() {
         let parse = |words: &[&str]| Arguments::try_parse_from([&["lumicast", "report"], words].concat());
-        for paper in ["octree", "larsen-maps", "irradiance"] {
+        for paper in ["octree", "larsen-maps", "irradiance", "caustics"] {
             assert!(parse(&["--paper", paper, "--out", "x", "a.glb", "builtin:boxes"]).is_ok());
             assert!(parse(&["--paper", paper, "--out", "x", "--scenes", "y", "--references", "z"]).is_ok());
         }

@@ -25,7 +25,7 @@ struct Picture {
     curves: Option<&'static str>,
 }
 
-const PICTURES: [Picture; 14] = [
+const PICTURES: [Picture; 16] = [
     picture(
         "figure-13",
         "Preprocessing by depth",
@@ -90,6 +90,12 @@ const PICTURES: [Picture; 14] = [
     )
     .by("scene")
     .logarithmic(),
+    picture("caustic-frames", "Photons and map", ("photons", "photons"), ("prepare_ms", "ms"), None)
+        .by("scene")
+        .logarithmic(),
+    picture("caustic-error", "Error over time", ("elapsed", "s"), ("error_percent", "√relMSE, %"), None)
+        .by(super::caustics::CURVE)
+        .logarithmic(),
     picture(
         "table-8.1",
         "500 nearest of a million photons",

@@ -10,7 +10,7 @@ use lumicast_engine::{
     film::{PictureSize, compare},
     math::Rgb,
     render::{
-        Illumination, IlluminationReport, IlluminationSettings, Indirect, Learner, Learning, RecordReport,
+        Illumination, IlluminationReport, IlluminationSettings, Indirect, Learner, RecordReport,
         RenderSettings, Rendering, Stage,
     },
     technique::{SecondaryLight, irradiance::IrradianceSettings},
@@ -18,6 +18,7 @@ use lumicast_engine::{
 
 use super::{
     Effort, ReportError, accuracy,
+    drawing::Drawing,
     notebook::Notebook,
     subject::{Prepared, Subject},
     table::{Cell, Cells, Column, Table},
@@ -262,9 +263,9 @@ fn figure_8_11(notebook: &mut Notebook, subject: &Subject, effort: Effort) -> Re
         notebook.row(&format!("{} after {elapsed} s", subject.name), || {
             let filling = match &mut filling {
                 Some(filling) => filling,
-                None => filling.insert(Filling::begin(subject.prepare()?)),
+                None => filling.insert(Filling(Drawing::begin(subject.prepare()?, Indirect::Irradiance))),
             };
-            filling.advance(Duration::from_secs_f64(elapsed));
+            filling.0.advance(Duration::from_secs_f64(elapsed));
             filling.cells(subject, elapsed)
         })?;
     }
@@ -272,50 +273,16 @@ fn figure_8_11(notebook: &mut Notebook, subject: &Subject, effort: Effort) -> Re
 }
 
 /// A picture that is drawn while its records are made.
-struct Filling {
-    prepared: Prepared,
-    rendering: Rendering,
-    spent: Duration,
-}
+struct Filling(Drawing);
 
 impl Filling {
-    fn begin(prepared: Prepared) -> Filling {
-        let settings = RenderSettings {
-            indirect: Indirect::Irradiance,
-            learning: Learning::Alongside { until: None },
-            ..RenderSettings::default()
-        };
-        let rendering = Rendering::new(prepared.world.clone(), prepared.view, prepared.size, settings);
-        Filling { prepared, rendering, spent: Duration::ZERO }
-    }
-
-    /// Goes on until so much time was spent on it.
-    fn advance(&mut self, until: Duration) {
-        let never = AtomicBool::new(false);
-        while self.spent < until || self.rendering.passes() == 0 {
-            let start = Instant::now();
-            self.rendering.step(&never);
-            self.spent += start.elapsed();
-        }
-    }
-
     fn cells(&self, subject: &Subject, elapsed: f64) -> Result<Cells, ReportError> {
-        let error = match &self.prepared.reference {
-            Some(reference) => {
-                let error = compare(&self.rendering.picture().radiance(), &reference.full);
-                let error = error.map_err(|error| ReportError::Text {
-                    what: "the comparison with a reference",
-                    reason: format!("{}: {error}", subject.name),
-                })?;
-                Some(100.0 * error.error())
-            }
-            None => None,
-        };
+        let error = self.0.error(subject)?.map(|error| 100.0 * error.error());
         Ok([
             (SCENE, Cell::from(subject.name.as_str())),
             (ELAPSED, elapsed.into()),
-            (RECORDS, (self.rendering.records().count as f64).into()),
-            (PASSES, f64::from(self.rendering.passes()).into()),
+            (RECORDS, (self.0.rendering.records().count as f64).into()),
+            (PASSES, f64::from(self.0.rendering.passes()).into()),
             (FRAME_RATE, self.frame_rate().into()),
             (ERROR, error.into()),
         ]
@@ -327,8 +294,8 @@ impl Filling {
     fn frame_rate(&self) -> Option<f64> {
         let size = PictureSize::new(512, 512).ok()?;
         let settings = RenderSettings { indirect: Indirect::Irradiance, ..RenderSettings::default() };
-        let Prepared { world, view, .. } = &self.prepared;
-        let known = self.rendering.known().cloned();
+        let Prepared { world, view, .. } = &self.0.prepared;
+        let known = self.0.rendering.known().cloned();
         let mut rendering = Rendering::with(world.clone(), *view, size, settings, known);
         let start = Instant::now();
         rendering.step(&AtomicBool::new(false));

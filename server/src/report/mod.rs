@@ -3,13 +3,15 @@
 //! A report is a list of tables (`table.rs`). A notebook (`notebook.rs`) fills them row by row and keeps every row on disk at once, so
 //! that a run that was stopped goes on where it was. `octree.rs` measures figures 13, 14 and 17 of Vivanloc 2007 (light octree),
 //! `maps.rs` and `crease.rs` tables 8.1, 8.2 and 14.1 of Larsen 2004, `irradiance.rs` table 8.2 and figure 8.11 of Gautron
-//! 2008; `subject.rs` finds scenes and references,
+//! 2008, `caustics.rs` what caustics cost beside path tracing; `drawing.rs` draws pictures by the clock, `subject.rs` finds scenes and references,
 //! `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
 //! `csv.rs` write. Imports the engine and the command line's way to name scenes.
 
 mod accuracy;
+mod caustics;
 mod crease;
 mod csv;
+mod drawing;
 mod html;
 mod irradiance;
 mod light;
@@ -45,6 +47,8 @@ pub enum Paper {
     LarsenMaps,
     /// Gautron et al. 2008, irradiance cache: table 8.2, figure 8.11
     Irradiance,
+    /// Larsen 2004, chapter 12: what a frame of caustics costs, and error over time
+    Caustics,
 }
 
 impl Paper {
@@ -54,6 +58,7 @@ impl Paper {
             Paper::Octree => "The light octree beside its paper",
             Paper::LarsenMaps => "Many photon maps beside their paper",
             Paper::Irradiance => "The irradiance cache beside its paper",
+            Paper::Caustics => "Caustics by photons beside the path tracer",
         }
     }
 
@@ -74,6 +79,10 @@ impl Paper {
                 "P. Gautron, J. Křivánek, K. Bouatouch, S. Pattanaik: Hardware implementation, chapter 8 of Practical Global \
                  Illumination with Irradiance Caching, SIGGRAPH course 2008. Its times are of a Quadro FX 3400 and, for \
                  Radiance, of a Pentium 4 of 3.6 GHz; it gives no error against a reference."
+            }
+            Paper::Caustics => {
+                "B. D. Larsen: Real-time Global Illumination by Simulating Photon Mapping, thesis, DTU 2004, chapter 12. It \
+                 gives frames a second on a GPU of 2004 and no error against a reference."
             }
         }
     }
@@ -210,6 +219,7 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
         Paper::Octree => subject::find(job, &octree::SCENES, None),
         Paper::LarsenMaps => subject::find(job, &crease::SCENES, Some(SceneSource::CornellBox)),
         Paper::Irradiance => subject::find(job, &irradiance::SCENES, Some(SceneSource::CornellBox)),
+        Paper::Caustics => subject::find(job, &caustics::SCENES, Some(SceneSource::CornellBox)),
     };
     let settings = Settings { effort, subjects: &subjects };
     let mut notebook = Notebook::open(job, &settings)?;
@@ -227,6 +237,7 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
             maps::measure_small(&mut notebook, effort)?;
         }
         Paper::Irradiance => irradiance::measure(&mut notebook, &subjects, effort)?,
+        Paper::Caustics => caustics::measure(&mut notebook, &subjects, effort)?,
     }
     notebook.finish()
 }

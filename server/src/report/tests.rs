@@ -117,6 +117,22 @@ fn an_irradiance_report_is_whole() {
     errors.for_each(|error| assert!(error.value().is_some_and(|error| error < 25.0), "{error:?}"));
 }
 
+/// Frames and curves; a scene without mirrors and glass is refused by name.
+#[test]
+fn a_report_of_caustics_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |scene| ReportJob { scenes: vec![scene], ..job(Paper::Caustics, folder.path()) };
+    let report = measure_with(&of(SceneSource::CornellBox), LITTLE).unwrap();
+    check_files(&report, folder.path());
+    check_figures(&report);
+    let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
+    assert_eq!(rows, [3, 5]);
+    let stored = report.tables[0].rows.iter().map(|row| report.tables[0].cell(row, "stored").value());
+    assert!(stored.clone().all(|stored| stored.is_some_and(|stored| stored > 0.0)));
+    let error = measure_with(&of(SceneSource::Boxes), LITTLE).unwrap_err();
+    assert!(error.to_string().contains("mirrors or glass"), "{error}");
+}
+
 /// Missing scenes are named with the place they belong to, and the built-in ones stand in.
 #[test]
 fn missing_scenes_are_named() {

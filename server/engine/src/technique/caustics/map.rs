@@ -18,7 +18,7 @@ use crate::{
 /// Photons of the first pass that lie within the first radius of one of them.
 const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
 /// Largest radius over the extent of all photons, and the smallest over the largest.
-const RADIUS_MAX: f32 = 1.0 / 16.0;
+const RADIUS_MAX: f32 = 1.0 / 32.0;
 const RADIUS_RANGE: f32 = 1.0 / 1024.0;
 /// How many times distances along the normal count: what lies above or below is another sheet.
 const FLATNESS: f32 = 2.5;

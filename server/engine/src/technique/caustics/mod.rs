@@ -80,6 +80,10 @@ const PIXELS_PER_PHOTON: u32 = 4;
 const PHOTONS_LEAST: u32 = 1 << 12;
 const PHOTONS_END: u32 = 1 << 20;
 
+/// Photons that are tried to find how much of all light falls on mirrors and glass, and of one light at least and at most.
+const POINTS_OF_ALL: usize = 1 << 15;
+const POINTS_OF_ONE: [usize; 2] = [16, 512];
+
 /// How fast blurs shrink: the area of pass i + 1 is (i + α) / (i + 1) of that of pass i; 1 would be not at all [Knaus2011].
 const ALPHA: f64 = 0.6;
 
@@ -190,11 +194,13 @@ impl Emission {
         let aim = targets::aim_of(world);
         let sources = if aim.spheres.is_empty() { Vec::new() } else { world.sources() };
         let total_w: f64 = sources.iter().map(Source::power_w).sum();
+        // Of thousands of lights each is one of many: all together they are known as well.
+        let points = (POINTS_OF_ALL / sources.len().max(1)).clamp(POINTS_OF_ONE[0], POINTS_OF_ONE[1]) as u32;
         let aimed: Vec<(Source, f64)> = sources
             .into_iter()
             .filter(|source| settings.light == CausticLight::All || source.is_delta())
             .map(|source| {
-                let power_w = world.power_towards_w(&source, &aim);
+                let power_w = world.power_towards_w(&source, &aim, points);
                 (source, power_w)
             })
             .filter(|(_, power_w)| *power_w > 0.0 && power_w.is_finite())

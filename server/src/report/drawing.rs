@@ -1,0 +1,53 @@
+//! A picture that is drawn for some time and looked at now and then.
+
+use std::{
+    sync::atomic::AtomicBool,
+    time::{Duration, Instant},
+};
+
+use lumicast_engine::{
+    film::{ImageError, compare},
+    render::{Indirect, Learning, RenderSettings, Rendering},
+};
+
+use super::{
+    ReportError,
+    subject::{Prepared, Subject},
+};
+
+/// A picture in the making.
+pub(super) struct Drawing {
+    pub(super) prepared: Prepared,
+    pub(super) rendering: Rendering,
+    spent: Duration,
+}
+
+impl Drawing {
+    /// Nothing drawn yet; what is learnt is learnt on the way.
+    pub(super) fn begin(prepared: Prepared, indirect: Indirect) -> Drawing {
+        let learning = Learning::Alongside { until: None };
+        let settings = RenderSettings { indirect, learning, ..RenderSettings::default() };
+        let rendering = Rendering::new(prepared.world.clone(), prepared.view, prepared.size, settings);
+        Drawing { prepared, rendering, spent: Duration::ZERO }
+    }
+
+    /// Goes on until so much time was spent on it.
+    pub(super) fn advance(&mut self, until: Duration) {
+        let never = AtomicBool::new(false);
+        while self.spent < until || self.rendering.passes() == 0 {
+            let start = Instant::now();
+            self.rendering.step(&never);
+            self.spent += start.elapsed();
+        }
+    }
+
+    /// How far it is from the reference, if there is one.
+    pub(super) fn error(&self, subject: &Subject) -> Result<Option<ImageError>, ReportError> {
+        let Some(reference) = &self.prepared.reference else { return Ok(None) };
+        let error = compare(&self.rendering.picture().radiance(), &reference.full);
+        error.map(Some).map_err(|error| ReportError::Text {
+            what: "the comparison with a reference",
+            reason: format!("{}: {error}", subject.name),
+        })
+    }
+}
