@@ -37,6 +37,7 @@ pub(super) fn add(
     let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
     let mut rendering =
         Rendering::with(prepared.world.clone(), prepared.view, prepared.size, settings, Some(light));
+    rendering.look_caustics_up();
     let never = AtomicBool::new(false);
     while rendering.passes() < passes {
         rendering.step(&never);

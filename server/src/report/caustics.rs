@@ -6,14 +6,15 @@ use std::{
     time::{Duration, Instant},
 };
 
+use glam::Vec3;
 use lumicast_engine::{
-    accel::Ray,
     film::PictureSize,
     render::Indirect,
     technique::{
         FocusedLight, Products, Step, Technique, View,
         caustics::{CausticReport, CausticSettings, Caustics},
     },
+    transport::Surface,
 };
 use rayon::prelude::*;
 
@@ -98,7 +99,7 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         let map = next(&mut caustics, &prepared).ok_or_else(empty)?;
         seconds += start.elapsed();
         let start = Instant::now();
-        seen.look_up(&prepared, &*map);
+        seen.look_up(&*map);
         look_up += start.elapsed();
     }
     let CausticReport { photons_stored, bytes, .. } = caustics.report();
@@ -123,35 +124,25 @@ fn next(caustics: &mut Caustics, prepared: &Prepared) -> Option<Arc<dyn FocusedL
     products.caustics
 }
 
-/// What every pixel's middle sees.
-struct Seen {
-    rays: Vec<Ray>,
-}
+/// What every pixel's middle sees, and the unit direction to the eye.
+struct Seen(Vec<(Surface, Vec3)>);
 
 impl Seen {
     fn of(prepared: &Prepared, size: PictureSize) -> Seen {
         let view = View::new(&prepared.world, &prepared.view, size);
         let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
-        Seen { rays: pixels.map(|(x, y)| view.ray(x as f32 + 0.5, y as f32 + 0.5)).collect() }
+        let seen = pixels.filter_map(|(x, y)| {
+            let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
+            let hit = prepared.world.closest_hit(&ray)?;
+            Some((prepared.world.surface(&hit, ray.direction), -ray.direction))
+        });
+        Seen(seen.collect())
     }
 
-    /// Looks caustics up there; the rays are traced as well, since what they meet is not kept.
-    fn look_up(&self, prepared: &Prepared, map: &dyn FocusedLight) {
-        let world = &prepared.world;
-        let sum: f32 = self
-            .rays
-            .par_chunks(256)
-            .map(|rays| {
-                let mut met = vec![None; rays.len()];
-                world.closest_hits(rays, &mut met);
-                let of = |(ray, hit): (&Ray, &Option<_>)| {
-                    let surface = world.surface(hit.as_ref()?, ray.direction);
-                    Some(map.scattered(&surface, -ray.direction).diffuse.g)
-                };
-                rays.iter().zip(&met).filter_map(of).sum::<f32>()
-            })
-            .sum();
-        std::hint::black_box(sum);
+    /// Looks caustics up there.
+    fn look_up(&self, map: &dyn FocusedLight) {
+        let of_surface = |(surface, wo): &(Surface, Vec3)| map.scattered(surface, *wo, u32::MAX).diffuse.g;
+        std::hint::black_box(self.0.par_iter().map(of_surface).sum::<f32>());
     }
 }
 

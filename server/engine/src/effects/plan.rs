@@ -148,7 +148,10 @@ fn caustics(facts: &SceneFacts) -> Effect {
     } else if facts.diffuse == 0 {
         (false, "no diffuse surface for focused light to fall on")
     } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
-        (true, "specular and diffuse surfaces, but only punctual lights: the path tracer finds none of it")
+        (
+            true,
+            "specular surfaces focus the light of lamps without size on diffuse ones: photons alone find it",
+        )
     } else {
         (true, "specular surfaces can focus light on diffuse ones")
     };

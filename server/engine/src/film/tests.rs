@@ -169,6 +169,29 @@ fn outdated_light_counts_for_two_passes() {
     assert!(film.layer(PathClass::Direct).iter().all(|value| near(value.r, 3.0)));
 }
 
+/// Light of one class is replaced and that of the other stays, however often.
+#[test]
+fn classes_are_outdated_by_themselves() {
+    let of = |caustic: f32, indirect: f32| {
+        let mut sample = grey(1.0);
+        sample.radiance[PathClass::Caustic as usize] = Rgb::splat(caustic);
+        sample.radiance[PathClass::Indirect as usize] = Rgb::splat(indirect);
+        sample
+    };
+    let mut film = film(5, 3);
+    (0..6).for_each(|_| pass(&mut film, |_, _, _| of(4.0, 8.0)));
+    film.outdate(&[PathClass::Indirect], Outdated::Wrong);
+    (0..2).for_each(|_| pass(&mut film, |_, _, _| of(8.0, 2.0)));
+    let is = |film: &Film, class, expected: f32| {
+        film.layer(class).iter().all(|value| (value.r - expected).abs() < 1e-6)
+    };
+    assert!(is(&film, PathClass::Caustic, 5.0) && is(&film, PathClass::Indirect, 2.0));
+    assert!(film.radiance().iter().all(|value| (value.r - (1.0 + 5.0 + 2.0)).abs() < 1e-6));
+    film.outdate(&[PathClass::Caustic], Outdated::Rough);
+    (0..2).for_each(|_| pass(&mut film, |_, _, _| of(3.0, 2.0)));
+    assert!(is(&film, PathClass::Caustic, 4.0) && is(&film, PathClass::Indirect, 2.0));
+}
+
 /// Albedo counts misses as black; normal and depth are those of the samples that hit.
 #[test]
 fn first_hit_layers_are_means_over_what_was_hit() {

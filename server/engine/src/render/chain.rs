@@ -7,7 +7,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::hidden::HiddenLight;
+use super::hidden::HiddenHalves;
 use crate::{
     film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at},
     technique::{
@@ -37,47 +37,55 @@ pub(super) struct Measuring {
     samples_enough: f64,
     /// Where error is expected, and the film's passes when it was found.
     expected: (u32, Vec<f32>),
+    /// What path tracing cannot find.
+    pub(super) hidden: Option<HiddenHalves>,
 }
 
 impl Measuring {
-    pub(super) fn new(settings: PathSettings, size: PictureSize) -> Measuring {
+    pub(super) fn new(settings: PathSettings, size: PictureSize, hidden: Option<HiddenHalves>) -> Measuring {
         Measuring {
             gauge: Gauge::new(settings, size),
             rays: 0,
             samples_enough: SAMPLES_ENOUGH[0],
             expected: (0, Vec::new()),
+            hidden,
         }
     }
 
     /// Measures until its share of `rays_spent` is used up.
     ///
     /// - `film`: of looked-up light
-    /// - `hidden`: what path tracing cannot find; renewed by part of the share
     pub(super) fn keep_up(
         &mut self,
         (world, view): (&World, &View),
         film: &Film,
-        mut hidden: Option<&mut HiddenLight>,
         rays_spent: u64,
         cancel: &AtomicBool,
     ) -> Counts {
         let mut all = Counts::default();
         let is_due = |rays: u64| (rays as f64) < GAUGE_SHARE * rays_spent as f64;
-        if let Some(hidden) = hidden.as_mut().filter(|_| is_due(self.rays)) {
-            let counts = hidden.renew(world, cancel);
-            self.rays += counts.all_rays();
-            all += counts;
-        }
         while is_due(self.rays) {
+            if let Some(hidden) = self.hidden.as_mut().filter(|hidden| hidden.is_due()) {
+                let progress = hidden.renew(world, cancel);
+                self.rays += progress.counts.all_rays();
+                all += progress.counts;
+                if !progress.complete {
+                    return all;
+                }
+                continue;
+            }
             // Looked for anew when the film has twice the passes: it takes a look at every pixel.
             if film.passes_min() >= 2 * self.expected.0.max(1) {
                 self.expected = (film.passes_min(), expected_error(film));
             }
-            let maps = hidden.as_ref().map_or([None, None], |hidden| hidden.maps());
+            let maps = self.hidden.as_ref().map_or([None, None], HiddenHalves::maps);
             let expected = &self.expected.1;
             let counts = self.gauge.step((world, view), self.samples_enough, expected, maps, cancel);
             if counts == Counts::default() {
                 return all;
+            }
+            if let Some(hidden) = &mut self.hidden {
+                hidden.measured(counts.all_rays());
             }
             self.rays += counts.all_rays();
             all += counts;

@@ -23,14 +23,14 @@ use crate::{
     math::sobol,
     scene::CameraView,
     technique::{
-        Canvas, Counts, FocusedLight, Products, Progress, SecondaryLight, Step, Technique, View,
+        Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
         caustics::{CausticReport, CausticSettings, Caustics},
         path::{PathClasses, PathSettings, PathTracer},
     },
     transport::{PathClass, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
-use hidden::HiddenLight;
+use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
@@ -130,11 +130,10 @@ pub struct Rendering {
     view: View,
     film: Film,
     technique: PathTracer,
-    /// Where light is looked up and the scene has caustics: what makes them, and those of this pass.
+    /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
-    caustics_of_pass: Option<Arc<dyn FocusedLight>>,
-    /// What path tracing cannot find of its light.
-    hidden: Option<HiddenLight>,
+    /// What path tracing cannot find of its light, for this film as long as nothing is known, and for the path-traced one.
+    hidden: [Option<HiddenLight>; 2],
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
     traced: Option<Film>,
     settings: RenderSettings,
@@ -187,20 +186,20 @@ impl Rendering {
             .filter(|plan| plan.is_on(EffectKind::Caustics));
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
         let caustics = plan.as_ref().map(|_| Caustics::new(of));
-        let hidden = plan.and_then(|plan| HiddenLight::of(&plan, &settings, size));
+        let hidden = |what_for| HiddenLight::of(plan.as_ref()?, &settings, size, what_for);
+        let measured = is_learnt.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
             technique: tracer(&settings, known),
             caustics,
-            caustics_of_pass: None,
-            hidden,
+            hidden: [HiddenFor::LookedUp, HiddenFor::Traced].map(hidden),
             traced: None,
             settings,
             learner: None,
             lead: 0.0,
-            measuring: is_learnt.then(|| Measuring::new(all_paths(&settings), size)),
+            measuring: measured.map(|hidden| Measuring::new(all_paths(&settings), size, hidden)),
             outlook: None,
             counts: Counts::default(),
             looked_up_rays: 0,
@@ -231,52 +230,38 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
-        let is_new = self.film.passes_min() == self.film.passes_max();
-        let (mut products, mut counts) = (Products::default(), Counts::default());
-        match &mut self.caustics {
+        let pass = pass_of(&self.film);
+        let (products, prepared) = match &mut self.caustics {
             Some(caustics) if self.technique.asks() => {
-                products.caustics = self.caustics_of_pass.take();
-                // A pass that was cut short goes on with what it began with.
-                if is_new || products.caustics.is_none() {
-                    let mut step = Step { world: &self.world, products: &mut products, canvas: None, cancel };
-                    counts = caustics.step(&mut step).counts;
-                }
-                self.caustics_of_pass = products.caustics.clone();
+                let progress = caustics.prepare(&self.world, pass, cancel);
+                (Products { caustics: caustics.map(), ..Products::default() }, progress)
             }
-            _ => (products, counts) = self.hidden_light(is_new, cancel),
-        }
-        let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
-        let mut step = Step { world: &self.world, products: &mut products, canvas, cancel };
-        let progress = self.technique.step(&mut step);
-        let counts = counts + progress.counts;
-        self.looked_up_rays += counts.all_rays();
-        Progress { counts, ..progress }
+            _ => hidden_light(&mut self.hidden[0], &self.world, pass, cancel),
+        };
+        let progress = step_on(
+            &mut self.technique,
+            (&self.world, &self.view),
+            &mut self.film,
+            products,
+            prepared,
+            cancel,
+        );
+        self.looked_up_rays += progress.counts.all_rays();
+        progress
     }
 
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
         let size = self.film.size();
-        let is_new = self.traced.as_ref().is_none_or(|film| film.passes_min() == film.passes_max());
-        let (mut products, counts) = self.hidden_light(is_new, cancel);
         let film = self.traced.get_or_insert_with(|| Film::new(size));
-        let canvas = Some(Canvas { view: &self.view, film });
-        let mut step = Step { world: &self.world, products: &mut products, canvas, cancel };
+        let (products, prepared) = hidden_light(&mut self.hidden[1], &self.world, pass_of(film), cancel);
         // With numbers of its own: its samples are independent of the other film's.
         let settings = all_paths(&self.settings);
         let settings = PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings };
-        let progress = PathTracer::new(settings).step(&mut step);
-        let counts = counts + progress.counts;
-        self.traced_rays += counts.all_rays();
-        Progress { counts, ..progress }
-    }
-
-    /// What a path-traced pass cannot find by itself.
-    ///
-    /// - `is_new`: the pass begins
-    fn hidden_light(&mut self, is_new: bool, cancel: &AtomicBool) -> (Products, Counts) {
-        let Some(hidden) = &mut self.hidden else { return (Products::default(), Counts::default()) };
-        let counts = if is_new { hidden.renew(&self.world, cancel) } else { Counts::default() };
-        (hidden.products(), counts)
+        let mut technique = PathTracer::new(settings);
+        let progress = step_on(&mut technique, (&self.world, &self.view), film, products, prepared, cancel);
+        self.traced_rays += progress.counts.all_rays();
+        progress
     }
 
     /// Which film is drawn next.
@@ -306,8 +291,7 @@ impl Rendering {
     fn measure(&mut self, cancel: &AtomicBool) {
         let Some(measuring) = &mut self.measuring else { return };
         let spent = self.counts.all_rays();
-        self.counts +=
-            measuring.keep_up((&self.world, &self.view), &self.film, self.hidden.as_mut(), spent, cancel);
+        self.counts += measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
             let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };
@@ -366,6 +350,11 @@ impl Rendering {
         matches!(self.settings.learning, Learning::Alongside { until: Some(moment) } if Instant::now() >= moment)
     }
 
+    /// Lets what is known of the light answer for caustics as well, instead of photons of their own: for measuring it.
+    pub fn look_caustics_up(&mut self) {
+        self.caustics = None;
+    }
+
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
         self.technique = tracer(&self.settings, known);
@@ -401,8 +390,11 @@ impl Rendering {
 
     /// What its caustics took and hold.
     pub fn caustics(&self) -> CausticReport {
-        let hidden = self.hidden.as_ref().map(HiddenLight::report).unwrap_or_default();
-        self.caustics.as_ref().map(Caustics::report).unwrap_or_default() + hidden
+        let hidden = self.hidden.iter().flatten().map(HiddenLight::report);
+        let measured =
+            self.measuring.iter().flat_map(|measuring| &measuring.hidden).map(HiddenHalves::report);
+        let own = self.caustics.iter().map(Caustics::report);
+        own.chain(hidden).chain(measured).fold(CausticReport::default(), |sum, report| sum + report)
     }
 
     /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
@@ -498,6 +490,44 @@ impl Rendering {
             (_, _) => "path",
         }
     }
+}
+
+/// The pass that comes next on a film, or that was cut short.
+fn pass_of(film: &Film) -> u32 {
+    film.passes_min()
+}
+
+/// What a path-traced pass cannot find by itself.
+fn hidden_light(
+    hidden: &mut Option<HiddenLight>,
+    world: &World,
+    pass: u32,
+    cancel: &AtomicBool,
+) -> (Products, Progress) {
+    match hidden {
+        None => (Products::default(), Progress { complete: true, ..Progress::default() }),
+        Some(hidden) => {
+            let progress = hidden.prepare(world, pass, cancel);
+            (hidden.products(), progress)
+        }
+    }
+}
+
+/// A pass of a film with what was prepared for it, once that is complete.
+fn step_on(
+    technique: &mut PathTracer,
+    (world, view): (&World, &View),
+    film: &mut Film,
+    mut products: Products,
+    prepared: Progress,
+    cancel: &AtomicBool,
+) -> Progress {
+    if !prepared.complete {
+        return prepared;
+    }
+    let canvas = Some(Canvas { view, film });
+    let progress = technique.step(&mut Step { world, products: &mut products, canvas, cancel });
+    Progress { counts: prepared.counts + progress.counts, ..progress }
 }
 
 /// Settings of a path tracer of all that is to be seen.

@@ -90,6 +90,15 @@ impl PreparedMaterial {
         }
     }
 
+    /// Some lobe may send light on in one direction. Textures only lower roughness, so it may say yes too often.
+    pub(in crate::transport) fn may_be_smooth(&self) -> bool {
+        let material = &self.material;
+        material.is_specular()
+            && (material.transmission > 0.0
+                || material.roughness * material.roughness < SMOOTH_ALPHA
+                || material.texture(TextureSlot::MetallicRoughness).is_some())
+    }
+
     fn mean_emission_luminance(&self) -> f32 {
         let Some(texture) = &self.textures[TextureSlot::Emission as usize] else { return 1.0 };
         // A grid of at most 64² texels: the mean steers sampling only, so it need not be exact, but must not be zero

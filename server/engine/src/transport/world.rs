@@ -118,11 +118,22 @@ impl World {
         &self.materials[self.primitive_materials[hit.instance as usize][primitive] as usize]
     }
 
-    /// Indices of the primitives of an instance that reflect or refract light in a direction.
-    pub fn specular_primitives(&self, instance: u32) -> impl Iterator<Item = usize> {
+    /// Indices of the primitives of an instance that may reflect or refract light in a direction.
+    pub fn specular_primitives(&self, instance: u32) -> Vec<usize> {
+        self.primitives_where(instance, |material| material.material().is_specular())
+    }
+
+    /// Of these, those that may be perfect mirrors or clear glass.
+    pub fn smooth_primitives(&self, instance: u32) -> Vec<usize> {
+        self.primitives_where(instance, PreparedMaterial::may_be_smooth)
+    }
+
+    fn primitives_where(&self, instance: u32, is_so: impl Fn(&PreparedMaterial) -> bool) -> Vec<usize> {
         let materials = self.primitive_materials[instance as usize].iter().enumerate();
-        let is_specular = |material: u32| self.materials[material as usize].material().is_specular();
-        materials.filter(move |(_, material)| is_specular(**material)).map(|(index, _)| index)
+        materials
+            .filter(|(_, index)| is_so(&self.materials[**index as usize]))
+            .map(|(place, _)| place)
+            .collect()
     }
 
     fn is_present(&self, hit: &Hit) -> bool {

@@ -3,7 +3,10 @@
 //! A photon of flux Φ and radius r adds Φ · 2/(πr²) · (1 − d²/r²) to the irradiance at the distance d on a surface that faces
 //! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid.
 
-use std::num::NonZeroUsize;
+use std::{
+    f32::consts::{FRAC_1_PI, FRAC_2_PI},
+    num::NonZeroUsize,
+};
 
 use glam::{IVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -17,13 +20,17 @@ use crate::{
 
 /// Photons of the first pass that lie within the first radius of one of them.
 const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
-/// Largest radius over the extent of all photons, and the smallest over the largest.
-const RADIUS_MAX: f32 = 1.0 / 32.0;
-const RADIUS_RANGE: f32 = 1.0 / 1024.0;
+/// Largest radius over the extent of most photons where these are many, and where they are few; and the smallest over the
+/// largest.
+const RADIUS_MAX: [f32; 2] = [1.0 / 32.0, 0.5];
+const RADIUS_RANGE: f32 = 1.0 / (1 << 20) as f32;
+/// Share of photons that may lie beyond either end of what is taken for their extent: strays would blur all others.
+const STRAY_SHARE: f32 = 0.05;
 /// How many times distances along the normal count: what lies above or below is another sheet.
 const FLATNESS: f32 = 2.5;
-/// Least cosine that irradiance is divided by: below, the few photons that still arrive would outshine everything.
-const COS_MIN: f32 = 0.02;
+/// Least cosine of the true normal over that of the shading normal: below, the few photons that still arrive would outshine
+/// everything.
+const COS_RATIO_MIN: f32 = 0.02;
 
 /// A photon where it fell on a diffuse surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +45,8 @@ pub struct CausticPhoton {
     pub direction: u32,
     /// Normal of the surface on the side it fell on, octahedral.
     pub normal: u32,
+    /// Scatterings before.
+    pub scatterings: u32,
 }
 
 /// How close photons lay in the first pass: says how far those of all passes are blurred, so that blurs do not depend on
@@ -51,16 +60,19 @@ pub(super) struct Pilot {
 }
 
 impl Pilot {
-    pub(super) fn of(photons: &[CausticPhoton]) -> Pilot {
+    /// - `least_m`: extent to be assumed at least
+    pub(super) fn of(photons: &[CausticPhoton], least_m: f32) -> Pilot {
         let positions: Vec<[f32; 3]> = photons.iter().map(|photon| photon.position.to_array()).collect();
-        let min = photons.iter().fold(Vec3::INFINITY, |min, photon| min.min(photon.position));
-        let max = photons.iter().fold(Vec3::NEG_INFINITY, |max, photon| max.max(photon.position));
-        let radius_max_m = (max - min).length() * RADIUS_MAX;
+        // Spread evenly over a square of that extent, the neighbours would lie within such a share of it.
+        let even = (NEIGHBOURS.get() as f32 * FRAC_1_PI / positions.len().max(1) as f32).sqrt();
+        let share = even.clamp(RADIUS_MAX[0], RADIUS_MAX[1]);
+        let radius_max_m = extent_m(&positions).max(least_m) * share;
         // Only more photons than u32 can count are refused, and none at all.
         let tree =
             NonZeroUsize::new(positions.len()).and_then(|_| ImmutableKdTree::new_from_slice(&positions).ok());
         let Some(tree) = tree.filter(|_| radius_max_m > 0.0 && radius_max_m.is_finite()) else {
-            return Pilot { tree: None, radii_m: Vec::new(), radius_max_m: 0.0 };
+            let radius_max_m = if radius_max_m.is_finite() { radius_max_m } else { 0.0 };
+            return Pilot { tree: None, radii_m: Vec::new(), radius_max_m };
         };
         let radii_m = positions.par_iter().map(|position| {
             let near = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
@@ -79,9 +91,24 @@ impl Pilot {
         self.radii_m[nearest.item as usize]
     }
 
+    /// Memory: a radius for each photon, and a position and a number in kiddo's tree.
     pub(super) fn bytes(&self) -> usize {
         self.radii_m.len() * (size_of::<f32>() + 16)
     }
+}
+
+/// Diagonal of the box that holds all but the strays on every side, m.
+fn extent_m(positions: &[[f32; 3]]) -> f32 {
+    if positions.is_empty() {
+        return 0.0;
+    }
+    let strays = (STRAY_SHARE * positions.len() as f32) as usize;
+    let along = [0, 1, 2].map(|axis| {
+        let mut places: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
+        places.sort_unstable_by(f32::total_cmp);
+        places[places.len() - 1 - strays] - places[strays]
+    });
+    Vec3::from_array(along).length()
 }
 
 /// The caustics of one pass.
@@ -204,7 +231,7 @@ impl Grid {
 }
 
 impl FocusedLight for CausticMap {
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> FocusedScatter {
+    fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
         let p = surface.point.position;
         let n_geo = surface.point.n_geo;
         let n = if wo.dot(n_geo) > 0.0 { n_geo } else { -n_geo };
@@ -215,7 +242,7 @@ impl FocusedLight for CausticMap {
             grid.near(p, |photon| {
                 let away = p - photon.position;
                 let r2 = photon.radius_m * photon.radius_m;
-                if away.length_squared() >= r2 {
+                if away.length_squared() >= r2 || photon.scatterings > scatterings_max {
                     return;
                 }
                 let normal = octahedral::decode(photon.normal);
@@ -225,10 +252,15 @@ impl FocusedLight for CausticMap {
                     return;
                 }
                 let wi = octahedral::decode(photon.direction);
-                let value = surface.bsdf.eval(wo_local, surface.frame.to_local(wi));
-                let per_m2 = std::f32::consts::FRAC_2_PI / r2 * (1.0 - d2 / r2);
+                let wi_local = surface.frame.to_local(wi);
+                let value = surface.bsdf.eval(wo_local, wi_local);
+                let per_m2 = FRAC_2_PI / r2 * (1.0 - d2 / r2);
                 // Irradiance is flux on the surface as it is: the cosine of the shading normal comes for that of the true one.
-                let irradiance = photon.flux_w * (per_m2 / wi.dot(normal).max(COS_MIN));
+                let cos = wi.dot(normal).max(COS_RATIO_MIN * wi_local.z.abs());
+                if !(cos > 0.0) {
+                    return;
+                }
+                let irradiance = photon.flux_w * (per_m2 / cos);
                 sum.diffuse += value.diffuse.f_cos * irradiance;
                 if is_broad {
                     sum.glossy += value.glossy.f_cos * irradiance;

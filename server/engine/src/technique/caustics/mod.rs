@@ -10,7 +10,8 @@
 //! of the light that falls on mirrors and glass. Where there are none it costs nothing.
 //!
 //! **Consistent**: blurs in every finite picture, also over borders. It sees light of point, spot and directional lights
-//! by way of mirrors and clear glass, which no path from the eye can find; and can be asked for that alone.
+//! by way of mirrors and clear glass, which no path from the eye can find; and can be asked for that alone. What such light
+//! shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
 mod map;
 mod photons;
@@ -19,18 +20,25 @@ mod targets;
 mod tests;
 
 use std::{
-    sync::{Arc, atomic::Ordering},
+    ops::Range,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
-pub use map::CausticMap;
+pub use map::{CausticMap, CausticPhoton};
 
 use self::{
-    map::{CausticPhoton, Pilot},
-    photons::CausticTracer,
+    map::Pilot,
+    photons::{CausticTracer, Job},
 };
-use super::{Bias, Card, Counts, Edit, Progress, Step, Technique};
-use crate::transport::{Aim, PathClass, Source, World};
+use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique};
+use crate::{
+    math::sobol,
+    transport::{Aim, PathClass, Source, World},
+};
 
 /// Which light is followed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,7 +70,7 @@ impl CausticSettings {
     pub fn of(pixel_count: usize, bounces_max: Option<u32>, seed: u64) -> CausticSettings {
         let pixels = u32::try_from(pixel_count).unwrap_or(u32::MAX);
         CausticSettings {
-            photons_per_pass: pixels.saturating_mul(PHOTONS_PER_PIXEL).min(PHOTONS_END),
+            photons_per_pass: pixels.saturating_mul(PHOTONS_PER_PIXEL),
             photons_max: (pixels / PIXELS_PER_PHOTON).clamp(PHOTONS_LEAST, PHOTONS_END),
             bounces_max,
             seed,
@@ -76,18 +84,25 @@ const PHOTONS_PER_PIXEL: u32 = 2;
 /// Pixels for every photon of a pass, at least: following photons takes less time than following the eye's paths. Twice or
 /// half as many made no difference to the error after ten seconds.
 const PIXELS_PER_PHOTON: u32 = 4;
-/// Photons of a pass in the smallest pictures, and in the largest: 64 bytes each.
+/// Photons of a pass at most in the smallest pictures, and in the largest. A photon takes some 60 bytes wherever it falls on a
+/// surface that shows it: on one or two for most, on 17 in the mean where no light is lost at all (`photons.rs`).
 const PHOTONS_LEAST: u32 = 1 << 12;
-const PHOTONS_END: u32 = 1 << 20;
-
+const PHOTONS_END: u32 = 1 << 18;
+/// Photons that are followed before it is asked again whether that is still wanted.
+const BATCH: u32 = 1 << 14;
 /// Photons that are tried to find how much of all light falls on mirrors and glass, and of one light at least and at most.
-const POINTS_OF_ALL: usize = 1 << 15;
-const POINTS_OF_ONE: [usize; 2] = [16, 512];
+const POINTS_OF_ALL: usize = 1 << 13;
+const POINTS_OF_ONE: [usize; 2] = [8, 256];
+/// A light of which no try met anything is taken to send so many tries' worth there: a lit texel may have been missed.
+const MISSED: f64 = 0.25;
 
 /// How fast blurs shrink: the area of pass i + 1 is (i + α) / (i + 1) of that of pass i; 1 would be not at all [Knaus2011].
 const ALPHA: f64 = 0.6;
+/// Photons that say how far others are to be blurred, at least.
+const PILOT_PHOTONS: usize = 256;
 
-static CARD: Card = Card { name: "caustics", classes: &[PathClass::Caustic], bias: Bias::Consistent };
+static CARD: Card =
+    Card { name: "caustics", classes: &[PathClass::Caustic, PathClass::Emitted], bias: Bias::Consistent };
 
 /// A map of caustics for every pass, on the CPU, on the rayon pool it is called in.
 #[derive(Debug)]
@@ -95,27 +110,61 @@ pub struct Caustics {
     settings: CausticSettings,
     /// What photons start from; `None` before the first step.
     emission: Option<Emission>,
+    /// Photons that say how far others are blurred, as long as they are few, and what they say.
+    collected: Vec<CausticPhoton>,
     pilot: Option<Arc<Pilot>>,
-    /// Maps made so far.
-    passes: u32,
-    /// Area of a blur in shares of that in the first pass.
-    shrinking: f64,
+    /// The pass that is being made, or was made last.
+    pass: Option<Pass>,
     report: CausticReport,
+}
+
+/// The photons of one pass.
+#[derive(Debug)]
+struct Pass {
+    number: u32,
+    /// What is left to be followed, last first.
+    jobs: Vec<Job>,
+    photons: Vec<CausticPhoton>,
+    /// Once all were followed.
+    map: Option<Arc<CausticMap>>,
 }
 
 /// What photons start from.
 #[derive(Debug)]
 struct Emission {
     aim: Aim,
-    /// Lights that reach something specular, the flux of one photon of each and how many there are.
+    /// Lights that may reach something specular.
     lights: Vec<AimedLight>,
 }
 
+/// A light with the name of its numbers and the mean number of its photons in a pass.
 #[derive(Debug)]
 struct AimedLight {
     source: Source,
     key: u64,
-    photon_count: u32,
+    photon_count: f64,
+}
+
+impl AimedLight {
+    /// Numbers of its photons in the n-th of the passes that draw from one sequence: on average as many as there should be.
+    fn numbers(&self, n: u32) -> Range<u64> {
+        let [offset, ..] = sobol::point(self.key, 0);
+        let first = |n: u32| (self.photon_count * f64::from(n) + f64::from(offset)) as u64;
+        first(n)..first(n + 1)
+    }
+}
+
+/// What it took and holds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CausticReport {
+    /// Seconds of following photons and of making maps.
+    pub seconds: f64,
+    /// Photons sent out in all passes.
+    pub photons_emitted: u64,
+    /// Of those, and of what they became, what fell on surfaces that show it.
+    pub photons_stored: u64,
+    /// Bytes of the newest map and of what says how far photons are blurred.
+    pub bytes: usize,
 }
 
 impl std::ops::Add for CausticReport {
@@ -130,30 +179,11 @@ impl std::ops::Add for CausticReport {
     }
 }
 
-/// What it took and holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CausticReport {
-    /// Seconds of following photons and of making maps.
-    pub seconds: f64,
-    /// Photons sent out in all passes.
-    pub photons_emitted: u64,
-    /// Of those, and of what they became, what fell on diffuse surfaces.
-    pub photons_stored: u64,
-    /// Bytes of the newest map and of what says how far photons are blurred.
-    pub bytes: usize,
-}
-
 impl Caustics {
     /// No map yet.
     pub fn new(settings: CausticSettings) -> Caustics {
-        Caustics {
-            settings,
-            emission: None,
-            pilot: None,
-            passes: 0,
-            shrinking: 1.0,
-            report: CausticReport::default(),
-        }
+        let (collected, report) = (Vec::new(), CausticReport::default());
+        Caustics { settings, emission: None, collected, pilot: None, pass: None, report }
     }
 
     /// What it took and holds.
@@ -161,59 +191,106 @@ impl Caustics {
         self.report
     }
 
-    /// The map of the next pass and the work it took; `None` where no light falls on anything specular.
-    fn next_map(&mut self, world: &World) -> (Option<Arc<CausticMap>>, Counts) {
+    /// The map of the last pass that was asked for; `None` where no light falls on anything specular.
+    pub fn map(&self) -> Option<Arc<dyn FocusedLight>> {
+        self.pass.as_ref()?.map.clone().map(|map| map as _)
+    }
+
+    /// Makes the map of pass `number`, unless it is there. What was done stays when it is cancelled: asked again for the same
+    /// pass, it goes on. The map does not depend on how often that was.
+    pub fn prepare(&mut self, world: &World, number: u32, cancel: &AtomicBool) -> Progress {
+        if self.pass.as_ref().is_some_and(|pass| pass.number == number && pass.map.is_some()) {
+            return Progress { complete: true, ..Progress::default() };
+        }
+        let start = Instant::now();
         let emission = self.emission.get_or_insert_with(|| Emission::of(world, &self.settings));
         if emission.lights.is_empty() {
-            return (None, Counts::default());
+            return Progress { complete: true, ..Progress::default() };
         }
+        let is_begun = self.pass.as_ref().is_some_and(|pass| pass.number == number);
+        let mut pass = match self.pass.take().filter(|_| is_begun) {
+            Some(pass) => pass,
+            None => Pass { number, jobs: emission.jobs(number), photons: Vec::new(), map: None },
+        };
         let tracer = CausticTracer { world, aim: &emission.aim, settings: &self.settings };
-        // Even and odd passes draw from sequences of their own: the two halves of a film must be independent.
-        let (half, index) = (u64::from(self.passes & 1), self.passes >> 1);
-        let mut photons = Vec::new();
         let mut counts = Counts::default();
-        for light in &emission.lights {
-            let (traced, rays) = tracer.trace_all(&light.source, light.key ^ half, index, light.photon_count);
-            photons.extend(traced);
-            counts.rays += rays;
-            self.report.photons_emitted += u64::from(light.photon_count);
+        while !pass.jobs.is_empty() && !cancel.load(Ordering::Relaxed) {
+            let batch = photons::take(&mut pass.jobs, BATCH);
+            let traced = tracer.trace_all(&emission.lights, &batch, &mut pass.photons);
+            counts.rays += traced.rays;
+            self.report.photons_emitted += traced.photons;
         }
-        self.report.photons_stored += photons.len() as u64;
-        let pilot = self.pilot.get_or_insert_with(|| Arc::new(Pilot::of(&photons)));
-        let map = Arc::new(CausticMap::of(photons, pilot, self.shrinking as f32));
-        self.report.bytes = map.bytes() + pilot.bytes();
-        self.passes += 1;
-        let pass = f64::from(self.passes);
-        self.shrinking *= (pass + ALPHA) / (pass + 1.0);
-        (Some(map), counts)
+        let is_complete = pass.jobs.is_empty();
+        if is_complete {
+            self.finish(&mut pass);
+        }
+        self.pass = Some(pass);
+        self.report.seconds += start.elapsed().as_secs_f64();
+        Progress { counts, complete: is_complete }
     }
+
+    /// Makes a map of what was followed.
+    fn finish(&mut self, pass: &mut Pass) {
+        let photons = std::mem::take(&mut pass.photons);
+        self.report.photons_stored += photons.len() as u64;
+        if self.collected.len() < PILOT_PHOTONS {
+            self.collected.extend_from_slice(&photons);
+            let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m());
+            self.pilot = Some(Arc::new(Pilot::of(&self.collected, least_m)));
+        }
+        let Some(pilot) = &self.pilot else { return };
+        let map = CausticMap::of(photons, pilot, shrinking(pass.number) as f32);
+        self.report.bytes = map.bytes() + pilot.bytes() + self.collected.len() * size_of::<CausticPhoton>();
+        pass.map = Some(Arc::new(map));
+    }
+}
+
+/// Area of a blur in shares of that in pass 0.
+fn shrinking(pass: u32) -> f64 {
+    (1..=pass).map(f64::from).fold(1.0, |area, i| area * (i + ALPHA) / (i + 1.0))
 }
 
 impl Emission {
     fn of(world: &World, settings: &CausticSettings) -> Emission {
-        let aim = targets::aim_of(world);
-        let sources = if aim.spheres.is_empty() { Vec::new() } else { world.sources() };
+        let aim = targets::aim_of(world, settings.light);
+        let mut sources = if aim.spheres.is_empty() { Vec::new() } else { world.sources() };
         let total_w: f64 = sources.iter().map(Source::power_w).sum();
+        sources.retain(|source| settings.light == CausticLight::All || source.is_delta());
         // Of thousands of lights each is one of many: all together they are known as well.
-        let points = (POINTS_OF_ALL / sources.len().max(1)).clamp(POINTS_OF_ONE[0], POINTS_OF_ONE[1]) as u32;
+        let points = (POINTS_OF_ALL / sources.len().max(1)).clamp(POINTS_OF_ONE[0], POINTS_OF_ONE[1]);
         let aimed: Vec<(Source, f64)> = sources
             .into_iter()
-            .filter(|source| settings.light == CausticLight::All || source.is_delta())
             .map(|source| {
-                let power_w = world.power_towards_w(&source, &aim, points);
-                (source, power_w)
+                let power_w = world.power_towards_w(&source, &aim, points as u32);
+                let least_w = MISSED * source.power_w() / points as f64;
+                let is_seen = power_w > 0.0 && power_w.is_finite();
+                (source, if is_seen { power_w } else { least_w })
             })
-            .filter(|(_, power_w)| *power_w > 0.0 && power_w.is_finite())
             .collect();
         let aimed_w: f64 = aimed.iter().map(|(_, power_w)| power_w).sum();
         let photon_w = (total_w / f64::from(settings.photons_per_pass.max(1)))
             .max(aimed_w / f64::from(settings.photons_max.max(1)));
         let lights = aimed.into_iter().map(|(source, power_w)| AimedLight {
             key: photons::key_of(settings.seed, source.name()),
-            photon_count: (power_w / photon_w).ceil().clamp(1.0, f64::from(settings.photons_max)) as u32,
+            photon_count: power_w / photon_w,
             source,
         });
-        Emission { lights: lights.collect(), aim }
+        Emission { lights: lights.filter(|light| light.photon_count > 0.0).collect(), aim }
+    }
+
+    /// Everything to be followed in a pass. Even and odd passes draw from sequences of their own: the two halves of a film must
+    /// be independent.
+    fn jobs(&self, pass: u32) -> Vec<Job> {
+        let of_light = |(light, aimed): (usize, &AimedLight)| {
+            let numbers = aimed.numbers(pass >> 1);
+            (!numbers.is_empty()).then_some(Job { light, half: pass & 1, numbers })
+        };
+        self.lights.iter().enumerate().rev().filter_map(of_light).collect()
+    }
+
+    /// Blurs of what one sphere alone focuses are measured by it.
+    fn least_extent_m(&self) -> f32 {
+        self.aim.spheres.iter().map(|sphere| sphere.radius_m).fold(f32::INFINITY, f32::min)
     }
 }
 
@@ -223,16 +300,14 @@ impl Technique for Caustics {
     }
 
     fn step(&mut self, step: &mut Step<'_>) -> Progress {
-        if step.cancel.load(Ordering::Relaxed) {
-            return Progress::default();
-        }
-        let start = Instant::now();
-        let (map, counts) = self.next_map(step.world);
-        if map.is_some() {
-            self.report.seconds += start.elapsed().as_secs_f64();
-        }
-        step.products.caustics = map.map(|map| map as _);
-        Progress { counts, complete: true }
+        let number = match &self.pass {
+            Some(pass) if pass.map.is_some() => pass.number + 1,
+            Some(pass) => pass.number,
+            None => 0,
+        };
+        let progress = self.prepare(step.world, number, step.cancel);
+        step.products.caustics = self.map();
+        progress
     }
 
     fn apply(&mut self, _edit: &Edit<'_>) {
@@ -241,10 +316,11 @@ impl Technique for Caustics {
     }
 }
 
-/// Photons of one step, for measuring: as they fall, without a map.
+/// Photons of pass 0, for measuring: as they fall, without a map.
 pub fn photons_of_a_pass(world: &World, settings: &CausticSettings) -> Vec<CausticPhoton> {
     let emission = Emission::of(world, settings);
     let tracer = CausticTracer { world, aim: &emission.aim, settings };
-    let of_light = |light: &AimedLight| tracer.trace_all(&light.source, light.key, 0, light.photon_count).0;
-    emission.lights.iter().flat_map(of_light).collect()
+    let mut photons = Vec::new();
+    tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
+    photons
 }

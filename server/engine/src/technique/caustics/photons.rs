@@ -1,11 +1,14 @@
 //! Photons that are followed by specular lobes alone, until they carry nothing more.
 
+use std::ops::Range;
+
+use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{CausticLight, CausticSettings, map::CausticPhoton};
+use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton};
 use crate::{
     math::{octahedral, sobol},
-    transport::{Aim, EmissionNumbers, Flight, Source, SourceName, World},
+    transport::{Aim, EmissionNumbers, Flight, SourceName, Surface, World},
 };
 
 /// A photon ends here whatever it carries: light trapped by total reflection in lossless glass never would.
@@ -14,7 +17,11 @@ const BOUNCES_END: u32 = 4096;
 /// faint photons cost little beside noise.
 const ROULETTE_SHARE: f32 = 1.0 / 32.0;
 /// Photons that a thread takes at a time.
-const CHUNK: u32 = 1024;
+const CHUNK: u32 = 512;
+/// Of the n-th surface that shows a photon it is kept on so many in n: on 17 of 4,096 in the mean, which bounds memory where
+/// next to no light is lost. What is kept carries as much more.
+const STORED_SURELY: f32 = 2.0;
+const GOLDEN_RATIO: f32 = 0.618_034;
 
 /// What photons need to know besides their light.
 #[derive(Clone, Copy)]
@@ -36,61 +43,101 @@ pub(super) fn key_of(seed: u64, name: &SourceName) -> u64 {
     sobol::mix(letters ^ part) << 1
 }
 
+/// Photons of one light that are to be followed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Job {
+    /// Place of the light.
+    pub(super) light: usize,
+    /// Which of its sequences they draw from.
+    pub(super) half: u32,
+    pub(super) numbers: Range<u64>,
+}
+
+/// Takes jobs of `count` photons off the end.
+pub(super) fn take(jobs: &mut Vec<Job>, count: u32) -> Vec<Job> {
+    let mut left = u64::from(count);
+    let mut taken = Vec::new();
+    while let Some(last) = jobs.last_mut().filter(|_| left > 0) {
+        let Range { start, end } = last.numbers;
+        let middle = end.min(start + left);
+        left -= middle - start;
+        taken.push(Job { numbers: start..middle, ..*last });
+        last.numbers.start = middle;
+        if middle == end {
+            jobs.pop();
+        }
+    }
+    taken
+}
+
+/// What following took.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Traced {
+    pub(super) photons: u64,
+    pub(super) rays: u64,
+}
+
 impl CausticTracer<'_> {
-    /// The photons of a pass of one light where they fell on diffuse surfaces, and the rays that took.
-    ///
-    /// - `pass`: of those that draw from `key`
+    /// Follows the photons of some jobs and adds what falls on surfaces that show it.
     pub(super) fn trace_all(
         &self,
-        source: &Source,
-        key: u64,
-        pass: u32,
-        count: u32,
-    ) -> (Vec<CausticPhoton>, u64) {
-        let chunks: Vec<(Vec<CausticPhoton>, u64)> = (0..count.div_ceil(CHUNK))
-            .into_par_iter()
-            .map(|chunk| {
-                let (mut photons, mut rays) = (Vec::new(), 0);
-                for number in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
-                    let number = pass.wrapping_mul(count).wrapping_add(number);
-                    rays += self.trace(source, key, number, 1.0 / count as f32, &mut photons);
+        lights: &[AimedLight],
+        jobs: &[Job],
+        photons: &mut Vec<CausticPhoton>,
+    ) -> Traced {
+        let mut pieces = jobs.to_vec();
+        pieces.reverse();
+        let mut small = Vec::new();
+        while !pieces.is_empty() {
+            small.push(take(&mut pieces, CHUNK));
+        }
+        let follow = |jobs: Vec<Job>| {
+            let (mut photons, mut traced) = (Vec::new(), Traced::default());
+            for job in jobs {
+                let light = &lights[job.light];
+                for number in job.numbers {
+                    traced.photons += 1;
+                    traced.rays += self.trace(light, job.half, number as u32, &mut photons);
                 }
-                (photons, rays)
-            })
-            .collect();
-        let rays = chunks.iter().map(|(_, rays)| rays).sum();
-        (chunks.into_iter().flat_map(|(photons, _)| photons).collect(), rays)
+            }
+            (photons, traced)
+        };
+        // In order: maps do not depend on the threads.
+        let chunks: Vec<(Vec<CausticPhoton>, Traced)> = small.into_par_iter().map(follow).collect();
+        chunks.into_iter().fold(Traced::default(), |sum, (of_chunk, traced)| {
+            photons.extend(of_chunk);
+            Traced { photons: sum.photons + traced.photons, rays: sum.rays + traced.rays }
+        })
     }
 
-    fn trace(
-        &self,
-        source: &Source,
-        key: u64,
-        number: u32,
-        share: f32,
-        photons: &mut Vec<CausticPhoton>,
-    ) -> u64 {
+    fn trace(&self, light: &AimedLight, half: u32, number: u32, photons: &mut Vec<CausticPhoton>) -> u64 {
+        let key = light.key ^ u64::from(half);
         let four = |set: u32| sobol::point(key.wrapping_add(u64::from(set) << 1), number);
-        let ([u, v, s, t], [side, ..]) = (four(0), four(1));
+        let ([u, v, s, t], [side, chance, ..]) = (four(0), four(1));
         let numbers = EmissionNumbers { direction: [u, v], position: [s, t], side };
-        let Some(emitted) = self.world.emit_at(source, self.aim, &numbers) else { return 0 };
-        let mut flight = Flight::begin(emitted.ray, emitted.flux_w * share);
+        let Some(emitted) = self.world.emit_at(&light.source, self.aim, &numbers) else { return 0 };
+        let mut flight = Flight::begin(emitted.ray, emitted.flux_w * (1.0 / light.photon_count) as f32);
         let faint = ROULETTE_SHARE * flight.weight.luminance();
         let bounces_end = self.settings.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END);
+        let mut shown_count = 0;
         for bounce in 0..bounces_end {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
             let towards_light = -flight.ray.direction;
             if bounce > 0 && (surface.bsdf.has_diffuse() || surface.bsdf.has_broad_gloss()) {
-                let n_geo = surface.point.n_geo;
-                let normal = if towards_light.dot(n_geo) > 0.0 { n_geo } else { -n_geo };
-                photons.push(CausticPhoton {
-                    position: surface.point.position,
-                    radius_m: 0.0,
-                    flux_w: flight.weight,
-                    direction: octahedral::encode(towards_light),
-                    normal: octahedral::encode(normal),
-                });
+                shown_count += 1;
+                // Evenly spread over the counts, by one number for all of them.
+                let kept = (STORED_SURELY / shown_count as f32).min(1.0);
+                if (chance + shown_count as f32 * GOLDEN_RATIO).fract() < kept {
+                    photons.push(CausticPhoton {
+                        position: surface.point.position,
+                        radius_m: 0.0,
+                        flux_w: flight.weight * (1.0 / kept),
+                        direction: octahedral::encode(towards_light),
+                        normal: octahedral::encode(facing(&surface, towards_light)),
+                        scatterings: bounce,
+                    });
+                }
             }
             let [lobe, u, v, survival] = four(2 + bounce);
             let drawn = surface.bsdf.sample_specular(surface.frame.to_local(towards_light), [lobe, u, v]);
@@ -111,4 +158,10 @@ impl CausticTracer<'_> {
         }
         u64::from(bounces_end)
     }
+}
+
+/// The true normal on the side of a direction.
+fn facing(surface: &Surface, direction: Vec3) -> Vec3 {
+    let n_geo = surface.point.n_geo;
+    if direction.dot(n_geo) > 0.0 { n_geo } else { -n_geo }
 }

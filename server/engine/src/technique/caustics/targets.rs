@@ -2,6 +2,7 @@
 
 use glam::Vec3;
 
+use super::CausticLight;
 use crate::{
     accel::Instance,
     transport::{Aim, Sphere, World},
@@ -19,13 +20,15 @@ struct Bounds {
     max: Vec3,
 }
 
-/// Spheres that hold everything specular in `world`.
-pub(super) fn aim_of(world: &World) -> Aim {
+/// Spheres that hold everything that may send such light on in `world`.
+pub(super) fn aim_of(world: &World, light: CausticLight) -> Aim {
     let mut boxes = Vec::new();
     for (index, instance) in world.accel().instances().iter().enumerate() {
-        boxes.extend(
-            world.specular_primitives(index as u32).filter_map(|primitive| bounds_of(instance, primitive)),
-        );
+        let focusing = match light {
+            CausticLight::All => world.specular_primitives(index as u32),
+            CausticLight::Hidden => world.smooth_primitives(index as u32),
+        };
+        boxes.extend(focusing.into_iter().filter_map(|primitive| bounds_of(world, instance, primitive)));
     }
     let mut groups = vec![boxes];
     groups.retain(|group| !group.is_empty());
@@ -44,7 +47,13 @@ pub(super) fn aim_of(world: &World) -> Aim {
     Aim { spheres: groups.iter().map(|group| sphere_of(&union(group))).collect() }
 }
 
-fn bounds_of(instance: &Instance, primitive: usize) -> Option<Bounds> {
+fn bounds_of(world: &World, instance: &Instance, primitive: usize) -> Option<Bounds> {
+    if instance.mesh().primitives().len() == 1 {
+        // Known, however many triangles there are.
+        let bounds = instance.bounds_in_world();
+        let [min, max] = [bounds.min, bounds.max].map(|corner| world.accel().to_render(corner));
+        return Some(Bounds { min, max });
+    }
     let primitive = &instance.mesh().primitives()[primitive];
     let first = primitive.first_triangle as usize;
     let triangles = &instance.mesh().triangles()[first..first + primitive.triangle_count as usize];

@@ -16,7 +16,7 @@ use crate::{
         samples::{self, Stage, cuboid, quad, sphere},
     },
     technique::{
-        FocusedLight, Products,
+        Counts, FocusedLight, Products,
         photons::{PhotonSettings, PhotonTracing},
     },
 };
@@ -66,7 +66,7 @@ fn point(intensity: f32) -> LightKind {
 fn seen_at(world: &World, map: &dyn FocusedLight, to: DVec3) -> f64 {
     let ray = Ray::new(world.accel().to_render(to - DVec3::Y), Vec3::Y);
     let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
-    f64::from(map.scattered(&surface, -ray.direction).diffuse.g)
+    f64::from(map.scattered(&surface, -ray.direction, u32::MAX).diffuse.g)
 }
 
 /// A point light over a mirror lights the ceiling like a second one below the mirror: I · ρ · cos θ / d² · albedo / π.
@@ -153,9 +153,9 @@ fn a_glass_ball_lets_through_what_fresnel_says() {
     assert!(through > 0.99 * expected && through < 1.02 * expected, "{through} W for {expected} W");
 }
 
-/// What two halves of the passes say is independent, and the mean does not depend on threads.
+/// The same photons whatever the threads.
 #[test]
-fn maps_are_the_same_whatever_the_threads() {
+fn photons_are_the_same_whatever_the_threads() {
     let world = world_of(samples::cornell_box().unwrap());
     let of_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -163,6 +163,111 @@ fn maps_are_the_same_whatever_the_threads() {
     };
     let [one, three] = [1, 3].map(of_threads);
     assert!(!one.is_empty() && one == three);
+}
+
+/// A map is that of its pass, however often making it was cut short and whichever came before; even and odd passes share no
+/// photon.
+#[test]
+fn a_map_depends_on_its_pass_alone() {
+    let world = world_of(stage_with_mirror(2.0, mirror(0.9), point(5.0), 0.0).finish());
+    let (never, always) = (AtomicBool::new(false), AtomicBool::new(true));
+    let places: Vec<DVec3> =
+        (0..200).map(|i| v(f64::from(i % 20) * 0.4 - 4.0, 4.0, f64::from(i / 20) * 0.8 - 4.0)).collect();
+    let seen = |caustics: &Caustics| -> Vec<f64> {
+        let map = caustics.map().unwrap();
+        places.iter().map(|to| seen_at(&world, &*map, *to)).collect()
+    };
+    let mut whole = Caustics::new(settings(20_000));
+    let whole: Vec<Vec<f64>> = (0..4)
+        .map(|pass| {
+            assert!(whole.prepare(&world, pass, &never).complete);
+            seen(&whole)
+        })
+        .collect();
+    let mut cut = Caustics::new(settings(20_000));
+    for pass in 0..4 {
+        for _ in 0..3 {
+            assert!(!cut.prepare(&world, pass, &always).complete && cut.map().is_none());
+        }
+        assert!(cut.prepare(&world, pass, &never).complete);
+        // It is there.
+        assert_eq!(cut.prepare(&world, pass, &never).counts, Counts::default());
+        assert_eq!(seen(&cut), whole[pass as usize], "pass {pass}");
+    }
+    assert!(whole.iter().flatten().any(|light| *light > 0.0));
+    for pair in [[0, 1], [0, 2], [1, 2]] {
+        assert_ne!(whole[pair[0]], whole[pair[1]]);
+    }
+}
+
+/// However few photons a pass has, the mean over passes goes to the truth; also if the first pass had none.
+#[test]
+fn passes_of_a_photon_or_two_add_up() {
+    let world = world_of(stage_with_mirror(0.4, mirror(0.9), point(5.0), 0.0).finish());
+    let expected = 5.0 * 0.9 * (1.0 / 25.0) * 0.8 / PI;
+    // Some hundredth of the light falls on the mirror.
+    for photons_per_pass in [20, 200] {
+        let mut caustics = Caustics::new(settings(photons_per_pass));
+        let mut radiance = RunningStatistics::default();
+        for pass in 0..20_000 {
+            caustics.prepare(&world, pass, &AtomicBool::new(false));
+            let at = |i: u32| v(f64::from(i % 3) * 0.4 - 0.4, 4.0, f64::from(i / 3) * 0.4 - 0.4);
+            let map = caustics.map().unwrap();
+            radiance.add((0..9).map(|i| seen_at(&world, &*map, at(i))).sum::<f64>() / 9.0);
+        }
+        let allowed = 4.0 * radiance.standard_error() + 0.03 * expected;
+        let off = (radiance.mean() - expected).abs();
+        assert!(
+            off < allowed && allowed < 0.6 * expected,
+            "{photons_per_pass}: {} ± {} for {expected}",
+            radiance.mean(),
+            radiance.standard_error()
+        );
+    }
+}
+
+/// Where a broad gloss loses next to nothing, photons are kept now and then and carry more: their flux is that of all hits,
+/// and memory is bounded.
+#[test]
+fn photons_that_are_never_absorbed_are_kept_now_and_then() {
+    let mut stage = Stage::default();
+    let metal =
+        Material { base_color: Rgb::splat(0.99), metallic: 1.0, roughness: 0.4, ..Material::default() };
+    let metal = stage.material("metal", metal).unwrap();
+    stage.place("room", cuboid(v(-2., -2., -2.), v(2., 2., 2.), &metal), DAffine3::IDENTITY).unwrap();
+    let kind = point(1.0);
+    let light = Light { kind, parent: None, position: v(0.3, 0.2, 0.1), direction: DVec3::NEG_Y };
+    stage.light("light", light).unwrap();
+    let world = world_of(stage.finish());
+    let emitted = 20_000;
+    let of =
+        |bounces| CausticSettings { bounces_max: Some(bounces), photons_max: emitted, ..settings(emitted) };
+    // Hits two to four of each photon, all of the first two kept.
+    let flux = |photons: &[CausticPhoton], least: u32| -> f64 {
+        let later = photons.iter().filter(|photon| photon.scatterings >= least);
+        later.map(|photon| f64::from(photon.flux_w.g)).sum()
+    };
+    let few = photons_of_a_pass(&world, &of(12));
+    let [early, late] = [1, 9].map(|least| {
+        let photons: Vec<CausticPhoton> =
+            few.iter().filter(|photon| (least..least + 3).contains(&photon.scatterings)).copied().collect();
+        flux(&photons, least)
+    });
+    // GGX of this roughness loses some percent a time.
+    assert!(late < early && late > 0.5 * early, "{early} W, later {late} W");
+    let all = photons_of_a_pass(&world, &of(4096));
+    assert!((all.len() as f64) < 12.0 * f64::from(emitted), "{} of {emitted}", all.len());
+}
+
+/// What counts may be bounded by how often it was scattered before.
+#[test]
+fn scatterings_are_bounded_at_the_look_up() {
+    let world = world_of(stage_with_mirror(2.0, mirror(0.9), point(5.0), 0.0).finish());
+    let map = next_map(&mut Caustics::new(settings(20_000)), &world).unwrap();
+    let ray = Ray::new(world.accel().to_render(v(0.2, 3.0, 0.1)), Vec3::Y);
+    let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+    let light = |most| map.scattered(&surface, -ray.direction, most).diffuse.g;
+    assert!(light(0) == 0.0 && light(1) > 0.0 && light(1) == light(u32::MAX));
 }
 
 /// Without mirrors and glass, or light, nothing is traced and nothing held.
@@ -218,6 +323,7 @@ fn degenerate_photons_make_finite_maps() {
         flux_w: Rgb::splat(flux),
         direction: crate::math::octahedral::encode(Vec3::NEG_Y),
         normal: crate::math::octahedral::encode(Vec3::NEG_Y),
+        scatterings: 1,
     };
     let line = |count: u32, flux: f32| (0..count).map(move |i| photon(Vec3::X * i as f32 * 0.01, flux));
     let cases: Vec<Vec<CausticPhoton>> = vec![
@@ -231,11 +337,11 @@ fn degenerate_photons_make_finite_maps() {
         vec![photon(Vec3::ZERO, 1.0); 500].into_iter().chain(line(2, 1.0)).collect(),
     ];
     for photons in cases {
-        let pilot = Pilot::of(&photons);
+        let pilot = Pilot::of(&photons, 0.01);
         for shrinking in [1.0, 1e-3] {
             let count = photons.len();
             let map = CausticMap::of(photons.clone(), &pilot, shrinking);
-            let light = map.scattered(&surface, -ray.direction);
+            let light = map.scattered(&surface, -ray.direction, u32::MAX);
             assert!(light.diffuse.is_finite() && light.diffuse.is_non_negative(), "{count}: {light:?}");
         }
     }

@@ -160,7 +160,7 @@ impl Tracer<'_> {
             sample.normal = surface.frame.n;
             sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
-        if !path.is_beyond_mirrors() && !self.has_gathered(path, 2) {
+        if !path.is_beyond_mirrors() {
             self.add_emission(path, &hit, &surface, sample);
         }
         let is_beyond_near = path.is_beyond_near();
@@ -222,7 +222,7 @@ impl Tracer<'_> {
         if path.class == PathClass::Emitted && !surface.unlit.is_black() {
             sample.radiance[PathClass::Emitted as usize] += path.throughput * surface.unlit;
         }
-        if surface.emitted.is_black() {
+        if surface.emitted.is_black() || self.has_gathered(path, 2) {
             return;
         }
         let weight = path.last.as_ref().map_or(1.0, |last| {
@@ -321,7 +321,12 @@ impl Tracer<'_> {
         if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
             return false;
         }
-        let focused = caustics.scattered(surface, -path.ray.direction);
+        // What is looked up is bounded by itself, whatever lies between the surface and the eye.
+        let scatterings_max = match (self.settings.classes, self.settings.bounces_max) {
+            (PathClasses::All, Some(bounces)) => bounces - path.bounce - 1,
+            _ => u32::MAX,
+        };
+        let focused = caustics.scattered(surface, -path.ray.direction, scatterings_max);
         let mut add = |scatter, radiance| {
             let class = path.class.after(scatter).after(Scatter::Specular);
             sample.radiance[class as usize] += path.throughput * radiance;

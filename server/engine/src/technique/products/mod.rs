@@ -68,7 +68,9 @@ pub struct FocusedScatter {
 /// Light that mirrors and glass focus on surfaces.
 pub trait FocusedLight: fmt::Debug + Send + Sync {
     /// What `surface` sends to `wo` of it.
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> FocusedScatter;
+    ///
+    /// - `scatterings_max`: most scatterings before, of what counts
+    fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
 }
 
 /// What arrives along rays: what records of light are gathered from.
