@@ -53,7 +53,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    report(&args, &statistics)
+    report(&args, &statistics, &EffectPlan::of(job.world.scene()))
 }
 
 /// What can be known to be wrong before any work is done.
@@ -393,7 +393,14 @@ fn encode(
     })
 }
 
-fn report(args: &RenderArgs, statistics: &Statistics) -> Result<(), CliError> {
+fn report(args: &RenderArgs, statistics: &Statistics, plan: &EffectPlan) -> Result<(), CliError> {
+    if args.technique() == Indirect::Path && plan.facts.hides_light() {
+        eprintln!(
+            "warning: path tracing cannot find the light of point, spot and directional lamps by way of mirrors and clear \
+             glass: it is neither in the picture nor in its error; --indirect auto (without --samples), irradiance and octree \
+             show it"
+        );
+    }
     if statistics.stopped_by == StopReason::Best.name() {
         eprintln!(
             "warning: stopped above the error asked for: what is left is not noise but {}'s own error, which more time \

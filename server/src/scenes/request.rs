@@ -1,14 +1,20 @@
-//! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own.
+//! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own, by the best
+//! chain there is; what that learns of the light goes with the picture.
 
 use super::{Scene, Snapshot, Workshop, lock};
 use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
 use lumicast_engine::film::{Display, PictureSize};
-use lumicast_engine::render::{Indirect, RenderSettings, Rendering};
+use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{Problem, ProblemKind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
+
+/// What draws them.
+const INDIRECT: Indirect = Indirect::Auto;
+/// Share of the longest time after which nothing more is learnt, so that what is known by then is seen by some samples.
+const LEARNING_SHARE: f64 = 0.9;
 
 /// File format of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +87,6 @@ pub(super) struct Drawing {
     started: Instant,
     /// Passes at which the error is measured next: measuring walks the whole film.
     measure_at: u32,
-    error: Option<f64>,
     samples_max: u32,
     deadline: Instant,
     seed: u64,
@@ -144,19 +149,18 @@ impl Scene {
 impl Drawing {
     pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
         let config = &workshop.config;
-        let settings =
-            RenderSettings { indirect: Indirect::Path, seed: config.seed, ..RenderSettings::default() };
         let seconds = match job.request.until {
             Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
             Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
         };
         let started = Instant::now();
+        let learning = Learning::Alongside { until: Some(started + seconds.mul_f64(LEARNING_SHARE)) };
+        let settings = RenderSettings { indirect: INDIRECT, bounces_max: None, seed: config.seed, learning };
         Drawing {
             rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
-            memory: super::viewer_film::FilmMemory::of(workshop, Indirect::Path, job.size),
+            memory: super::viewer_film::FilmMemory::of(workshop, INDIRECT, job.size),
             started,
             measure_at: 2,
-            error: None,
             samples_max: config.samples_max,
             deadline: started + seconds,
             seed: config.seed,
@@ -182,10 +186,10 @@ impl Drawing {
         }
         if passes >= self.measure_at {
             self.measure_at = passes + passes.div_ceil(4);
-            self.error = self.rendering.measured_error().map(|measured| measured.error());
-            if let (Until::Error(target), Some(error)) = (self.job.request.until, self.error)
+            if let (Until::Error(target), Some(measured)) =
+                (self.job.request.until, self.rendering.measured_error())
                 // Eight passes: four in each half, the least that says something about the spread.
-                && passes >= 8 && error <= target
+                && passes >= 8 && measured.reaches(target)
             {
                 return true;
             }

@@ -144,16 +144,16 @@ fn caustics(facts: &SceneFacts) -> Effect {
     let (is_on, reason) = if !facts.is_lit() {
         (false, "nothing sends out light")
     } else if !facts.is_specular() {
-        (false, "no surface reflects or refracts in a direction")
+        (false, "all surfaces scatter diffusely: none is a mirror, glossy or glass")
     } else if facts.diffuse == 0 {
         (false, "no diffuse surface for focused light to fall on")
     } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
         (
             true,
-            "specular surfaces focus the light of lamps without size on diffuse ones: photons alone find it",
+            "mirrors, glosses or glass send the light of lamps without size on to diffuse surfaces: photons alone find it",
         )
     } else {
-        (true, "specular surfaces can focus light on diffuse ones")
+        (true, "mirrors, glosses or glass send light on to diffuse surfaces: photons are aimed at them")
     };
     Effect { kind: EffectKind::Caustics, is_on, reason: reason.into() }
 }
