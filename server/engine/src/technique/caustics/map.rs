@@ -13,7 +13,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
 use crate::{
-    math::{Rgb, octahedral, sobol},
+    math::{Rgb, octahedral},
     technique::{FACING_COS, FocusedLight, FocusedScatter},
     transport::Surface,
 };
@@ -180,7 +180,7 @@ impl Grid {
             photons,
         };
         let bucket_of: Vec<u32> =
-            grid.photons.iter().map(|photon| grid.bucket(grid.cell(photon.position))).collect();
+            grid.photons.iter().map(|photon| grid.bucket(Grid::parts(grid.cell(photon.position)))).collect();
         for bucket in &bucket_of {
             grid.starts[*bucket as usize + 1] += 1;
         }
@@ -203,10 +203,14 @@ impl Grid {
         ((p - self.min) / (2.0 * self.radius_m)).floor().as_ivec3()
     }
 
-    fn bucket(&self, cell: IVec3) -> u32 {
-        let [x, y, z] = cell.to_array().map(|index| u64::from(index as u32 & 0x1f_ffff));
-        let buckets = self.starts.len() as u64 - 1;
-        (sobol::mix(x | y << 21 | z << 42) & (buckets - 1)) as u32
+    /// A number for a cell: parts for its three indices, so that those of neighbours are shared [Teschner2003].
+    fn parts(cell: IVec3) -> [u32; 3] {
+        let [x, y, z] = cell.to_array().map(|index| index as u32);
+        [x.wrapping_mul(73_856_093), y.wrapping_mul(19_349_663), z.wrapping_mul(83_492_791)]
+    }
+
+    fn bucket(&self, [x, y, z]: [u32; 3]) -> u32 {
+        (x ^ y ^ z) & (self.starts.len() as u32 - 2)
     }
 
     /// Calls `visit` with every photon that may reach `p`.
@@ -215,16 +219,17 @@ impl Grid {
             return;
         }
         let first = self.cell(p - self.radius_m);
+        let [low, high] = [first, first + 1].map(Grid::parts);
         let mut seen = [u32::MAX; 8];
         for corner in 0..8 {
-            let offset = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
-            let bucket = self.bucket(first + offset);
+            let part = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+            let bucket = self.bucket([part(0), part(1), part(2)]);
+            let [start, end] = [bucket, bucket + 1].map(|bucket| self.starts[bucket as usize] as usize);
             // Two cells may share a bucket.
-            if seen[..corner as usize].contains(&bucket) {
+            if start == end || seen[..corner].contains(&bucket) {
                 continue;
             }
-            seen[corner as usize] = bucket;
-            let [start, end] = [bucket, bucket + 1].map(|bucket| self.starts[bucket as usize] as usize);
+            seen[corner] = bucket;
             self.photons[start..end].iter().for_each(&mut visit);
         }
     }
