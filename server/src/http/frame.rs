@@ -25,7 +25,7 @@ pub(super) struct FrameQuery {
     exposure_ev: Option<f32>,
 }
 
-/// Draws one picture of the scene as it is now. Without `error` and `time` it takes `frame_seconds` of the settings.
+/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. Without `error` and `time` it takes `frame_seconds` of the settings.
 #[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
     params(
         ("id" = String, Path, description = "Scene"),

@@ -18,6 +18,9 @@ pub struct Flight {
 }
 
 impl Flight {
+    /// Surfaces after which it ends whatever it carries: light trapped by total reflection in lossless glass never would.
+    pub const BOUNCES_END: u32 = 4096;
+
     /// From a light.
     pub fn begin(ray: Ray, weight: Rgb) -> Flight {
         Flight { ray, weight, medium: None }

@@ -115,7 +115,6 @@ fn extent_m(positions: &[[f32; 3]]) -> f32 {
 #[derive(Debug)]
 pub struct CausticMap {
     grids: Vec<Grid>,
-    photon_count: usize,
 }
 
 /// Photons of about one radius, by the cell they lie in.
@@ -135,13 +134,12 @@ impl CausticMap {
     pub(super) fn of(mut photons: Vec<CausticPhoton>, pilot: &Pilot, shrinking: f32) -> CausticMap {
         let radius_max_m = pilot.radius_max_m;
         if !(radius_max_m > 0.0) {
-            return CausticMap { grids: Vec::new(), photon_count: 0 };
+            return CausticMap { grids: Vec::new() };
         }
         photons.par_iter_mut().for_each(|photon| {
             photon.radius_m = pilot.radius_m(photon.position) * shrinking.sqrt();
         });
         let octave = |photon: &CausticPhoton| (radius_max_m / photon.radius_m).log2() as usize;
-        let photon_count = photons.len();
         let mut octaves: Vec<Vec<CausticPhoton>> = Vec::new();
         for photon in photons {
             let octave = octave(&photon);
@@ -151,12 +149,7 @@ impl CausticMap {
             octaves[octave].push(photon);
         }
         octaves.retain(|photons| !photons.is_empty());
-        CausticMap { grids: octaves.into_par_iter().map(Grid::of).collect(), photon_count }
-    }
-
-    /// Photons in it.
-    pub fn photon_count(&self) -> usize {
-        self.photon_count
+        CausticMap { grids: octaves.into_par_iter().map(Grid::of).collect() }
     }
 
     /// Memory of photons and grids.

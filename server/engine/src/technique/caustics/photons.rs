@@ -11,8 +11,6 @@ use crate::{
     transport::{Aim, EmissionNumbers, Flight, SourceName, Surface, World},
 };
 
-/// A photon ends here whatever it carries: light trapped by total reflection in lossless glass never would.
-const BOUNCES_END: u32 = 4096;
 /// Share of what it began with that a photon carries until roulette may end it: a coat of varnish sends on a twentieth, and
 /// faint photons cost little beside noise.
 const ROULETTE_SHARE: f32 = 1.0 / 32.0;
@@ -118,7 +116,7 @@ impl CausticTracer<'_> {
         let Some(emitted) = self.world.emit_at(&light.source, self.aim, &numbers) else { return 0 };
         let mut flight = Flight::begin(emitted.ray, emitted.flux_w * (1.0 / light.photon_count) as f32);
         let faint = ROULETTE_SHARE * flight.weight.luminance();
-        let bounces_end = self.settings.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END);
+        let bounces_end = self.settings.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END);
         let mut shown_count = 0;
         for bounce in 0..bounces_end {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };

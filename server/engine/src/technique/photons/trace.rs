@@ -11,9 +11,6 @@ use crate::{
     transport::{Flight, PathClass, Scatter, Source, Surface, World},
 };
 
-/// A photon ends here whatever it carries: light trapped by total reflection in lossless glass never would.
-const BOUNCES_END: u32 = 4096;
-
 /// What photons need to know besides the scene.
 #[derive(Clone, Copy)]
 pub(super) struct PhotonTracer<'a> {
@@ -121,7 +118,7 @@ impl PhotonTracer<'_> {
         tally.flux.emitted += carried(&journey.flight);
         let mut path = PhotonPath::from(emitted.ray.origin, first_hit);
         loop {
-            if journey.bounce >= self.bounces_max.unwrap_or(BOUNCES_END).min(BOUNCES_END) {
+            if journey.bounce >= self.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END) {
                 tally.flux.cut_off += carried(&journey.flight);
                 return path;
             }
