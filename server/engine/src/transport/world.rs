@@ -113,9 +113,13 @@ impl World {
     }
 
     pub(in crate::transport) fn material_of(&self, hit: &Hit) -> &PreparedMaterial {
+        &self.materials[self.primitive_materials[hit.instance as usize][self.primitive_of(hit)] as usize]
+    }
+
+    /// Index of the primitive that was met, in its mesh.
+    pub fn primitive_of(&self, hit: &Hit) -> usize {
         let primitives = self.accel.instances()[hit.instance as usize].mesh().primitives();
-        let primitive = primitives.partition_point(|primitive| primitive.first_triangle <= hit.triangle) - 1;
-        &self.materials[self.primitive_materials[hit.instance as usize][primitive] as usize]
+        primitives.partition_point(|primitive| primitive.first_triangle <= hit.triangle) - 1
     }
 
     /// Indices of the primitives of an instance that may reflect or refract light in a direction.

@@ -3,31 +3,20 @@
 //! A photon of flux Φ and radius r adds Φ · 2/(πr²) · (1 − d²/r²) to the irradiance at the distance d on a surface that faces
 //! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid.
 
-use std::{
-    f32::consts::{FRAC_1_PI, FRAC_2_PI},
-    num::NonZeroUsize,
-};
+use std::f32::consts::FRAC_2_PI;
 
 use glam::{IVec3, Vec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+use super::Sheet;
 use crate::{
     math::{Rgb, octahedral},
     technique::{FACING_COS, FocusedLight, FocusedScatter},
     transport::Surface,
 };
 
-/// Photons of the first pass that lie within the first radius of one of them.
-const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
-/// Largest radius over the extent of most photons where these are many, and where they are few; and the smallest over the
-/// largest.
-const RADIUS_MAX: [f32; 2] = [1.0 / 32.0, 0.5];
-const RADIUS_RANGE: f32 = 1.0 / (1 << 20) as f32;
-/// Share of photons that may lie beyond either end of what is taken for their extent: strays would blur all others.
-const STRAY_SHARE: f32 = 0.05;
 /// How many times distances along the normal count: what lies above or below is another sheet.
-const FLATNESS: f32 = 2.5;
+pub(super) const FLATNESS: f32 = 2.5;
 /// Least cosine of the true normal over that of the shading normal: below, the few photons that still arrive would outshine
 /// everything.
 const COS_RATIO_MIN: f32 = 0.02;
@@ -45,70 +34,12 @@ pub struct CausticPhoton {
     pub direction: u32,
     /// Normal of the surface on the side it fell on, octahedral.
     pub normal: u32,
+    /// What it fell on.
+    pub sheet: Sheet,
     /// Scatterings before.
-    pub scatterings: u32,
-}
-
-/// How close photons lay in the first pass: says how far those of all passes are blurred, so that blurs do not depend on
-/// the photons they are for.
-#[derive(Debug)]
-pub(super) struct Pilot {
-    /// Of the photons of the first pass; `None` without any.
-    tree: Option<ImmutableKdTree<f32, 3>>,
-    radii_m: Vec<f32>,
-    radius_max_m: f32,
-}
-
-impl Pilot {
-    /// - `least_m`: extent to be assumed at least
-    pub(super) fn of(photons: &[CausticPhoton], least_m: f32) -> Pilot {
-        let positions: Vec<[f32; 3]> = photons.iter().map(|photon| photon.position.to_array()).collect();
-        // Spread evenly over a square of that extent, the neighbours would lie within such a share of it.
-        let even = (NEIGHBOURS.get() as f32 * FRAC_1_PI / positions.len().max(1) as f32).sqrt();
-        let share = even.clamp(RADIUS_MAX[0], RADIUS_MAX[1]);
-        let radius_max_m = extent_m(&positions).max(least_m) * share;
-        // Only more photons than u32 can count are refused, and none at all.
-        let tree =
-            NonZeroUsize::new(positions.len()).and_then(|_| ImmutableKdTree::new_from_slice(&positions).ok());
-        let Some(tree) = tree.filter(|_| radius_max_m > 0.0 && radius_max_m.is_finite()) else {
-            let radius_max_m = if radius_max_m.is_finite() { radius_max_m } else { 0.0 };
-            return Pilot { tree: None, radii_m: Vec::new(), radius_max_m };
-        };
-        let radii_m = positions.par_iter().map(|position| {
-            let near = tree.query(position).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
-            let farthest = near.into_iter().map(|near| near.distance).fold(0.0, f32::max);
-            // Where there are not so many in all, nothing says how close they lie.
-            let radius_m = if positions.len() < NEIGHBOURS.get() { radius_max_m } else { farthest.sqrt() };
-            radius_m.clamp(radius_max_m * RADIUS_RANGE, radius_max_m)
-        });
-        Pilot { radii_m: radii_m.collect(), tree: Some(tree), radius_max_m }
-    }
-
-    /// How far a photon is blurred in the first pass.
-    fn radius_m(&self, p: Vec3) -> f32 {
-        let Some(tree) = &self.tree else { return self.radius_max_m };
-        let nearest = tree.query(&p.to_array()).nearest_one::<SquaredEuclidean<f32>>().execute();
-        self.radii_m[nearest.item as usize]
-    }
-
-    /// Memory: a radius for each photon, and a position and a number in kiddo's tree.
-    pub(super) fn bytes(&self) -> usize {
-        self.radii_m.len() * (size_of::<f32>() + 16)
-    }
-}
-
-/// Diagonal of the box that holds all but the strays on every side, m.
-fn extent_m(positions: &[[f32; 3]]) -> f32 {
-    if positions.is_empty() {
-        return 0.0;
-    }
-    let strays = (STRAY_SHARE * positions.len() as f32) as usize;
-    let along = [0, 1, 2].map(|axis| {
-        let mut places: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
-        places.sort_unstable_by(f32::total_cmp);
-        places[places.len() - 1 - strays] - places[strays]
-    });
-    Vec3::from_array(along).length()
+    pub scatterings: u16,
+    /// The triangle it fell on faces the other way.
+    pub is_on_back: bool,
 }
 
 /// The caustics of one pass.
@@ -130,15 +61,10 @@ struct Grid {
 }
 
 impl CausticMap {
-    /// - `shrinking`: area of a blur in shares of that in the first pass
-    pub(super) fn of(mut photons: Vec<CausticPhoton>, pilot: &Pilot, shrinking: f32) -> CausticMap {
-        let radius_max_m = pilot.radius_max_m;
-        if !(radius_max_m > 0.0) {
-            return CausticMap { grids: Vec::new() };
-        }
-        photons.par_iter_mut().for_each(|photon| {
-            photon.radius_m = pilot.radius_m(photon.position) * shrinking.sqrt();
-        });
+    /// Of photons whose radii are known; those without any are left out.
+    pub(super) fn of(mut photons: Vec<CausticPhoton>) -> CausticMap {
+        photons.retain(|photon| photon.radius_m > 0.0);
+        let radius_max_m = photons.iter().fold(0.0, |most: f32, photon| most.max(photon.radius_m));
         let octave = |photon: &CausticPhoton| (radius_max_m / photon.radius_m).log2() as usize;
         let mut octaves: Vec<Vec<CausticPhoton>> = Vec::new();
         for photon in photons {
@@ -240,7 +166,7 @@ impl FocusedLight for CausticMap {
             grid.near(p, |photon| {
                 let away = p - photon.position;
                 let r2 = photon.radius_m * photon.radius_m;
-                if away.length_squared() >= r2 || photon.scatterings > scatterings_max {
+                if away.length_squared() >= r2 || u32::from(photon.scatterings) > scatterings_max {
                     return;
                 }
                 let normal = octahedral::decode(photon.normal);

@@ -13,8 +13,10 @@
 //! by way of mirrors and clear glass, which no path from the eye can find; and can be asked for that alone. What such light
 //! shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
+mod borders;
 mod map;
 mod photons;
+mod pilot;
 mod targets;
 #[cfg(test)]
 mod tests;
@@ -29,10 +31,11 @@ use std::{
 };
 
 pub use map::{CausticMap, CausticPhoton};
+pub use pilot::Sheet;
 
 use self::{
-    map::Pilot,
     photons::{CausticTracer, Job},
+    pilot::Pilot,
 };
 use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique};
 use crate::{
@@ -222,26 +225,29 @@ impl Caustics {
         }
         let is_complete = pass.jobs.is_empty();
         if is_complete {
-            self.finish(&mut pass);
+            counts.rays += self.finish(world, &mut pass);
         }
         self.pass = Some(pass);
         self.report.seconds += start.elapsed().as_secs_f64();
         Progress { counts, complete: is_complete }
     }
 
-    /// Makes a map of what was followed.
-    fn finish(&mut self, pass: &mut Pass) {
-        let photons = std::mem::take(&mut pass.photons);
+    /// Makes a map of what was followed. Returns how many rays that took.
+    fn finish(&mut self, world: &World, pass: &mut Pass) -> u64 {
+        let mut photons = std::mem::take(&mut pass.photons);
         self.report.photons_stored += photons.len() as u64;
         if self.collected.len() < PILOT_PHOTONS {
             self.collected.extend_from_slice(&photons);
             let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m());
             self.pilot = Some(Arc::new(Pilot::of(&self.collected, least_m)));
         }
-        let Some(pilot) = &self.pilot else { return };
-        let map = CausticMap::of(photons, pilot, shrinking(pass.number) as f32);
+        let Some(pilot) = &self.pilot else { return 0 };
+        pilot.blur(&mut photons, shrinking(pass.number) as f32);
+        let rays = borders::correct(world, &mut photons, self.settings.seed ^ u64::from(pass.number) << 32);
+        let map = CausticMap::of(photons);
         self.report.bytes = map.bytes() + pilot.bytes() + self.collected.len() * size_of::<CausticPhoton>();
         pass.map = Some(Arc::new(map));
+        rays
     }
 }
 

@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton};
+use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton, pilot::Sheet};
 use crate::{
     math::{octahedral, sobol},
     transport::{Aim, EmissionNumbers, Flight, SourceName, Surface, World},
@@ -122,18 +122,21 @@ impl CausticTracer<'_> {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
             let towards_light = -flight.ray.direction;
-            if bounce > 0 && (surface.bsdf.has_diffuse() || surface.bsdf.has_broad_gloss()) {
+            if bounce > 0 && is_shown_on(&surface) {
                 shown_count += 1;
                 // Evenly spread over the counts, by one number for all of them.
                 let kept = (STORED_SURELY / shown_count as f32).min(1.0);
                 if (chance + shown_count as f32 * GOLDEN_RATIO).fract() < kept {
+                    let faces = facing(&surface, towards_light);
                     photons.push(CausticPhoton {
                         position: surface.point.position,
                         radius_m: 0.0,
                         flux_w: flight.weight * (1.0 / kept),
                         direction: octahedral::encode(towards_light),
-                        normal: octahedral::encode(facing(&surface, towards_light)),
-                        scatterings: bounce,
+                        normal: octahedral::encode(faces),
+                        sheet: Sheet::of(hit.instance, self.world.primitive_of(&hit), faces),
+                        scatterings: bounce as u16,
+                        is_on_back: towards_light.dot(surface.point.n_geo) < 0.0,
                     });
                 }
             }
@@ -156,6 +159,11 @@ impl CausticTracer<'_> {
         }
         u64::from(bounces_end)
     }
+}
+
+/// Whether a surface shows what falls on it.
+pub(super) fn is_shown_on(surface: &Surface) -> bool {
+    surface.bsdf.has_diffuse() || surface.bsdf.has_broad_gloss()
 }
 
 /// The true normal on the side of a direction.

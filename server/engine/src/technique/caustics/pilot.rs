@@ -1,0 +1,181 @@
+//! How far photons are blurred: the distance to the 16th neighbour in a first map, and more if they carry more than those.
+//!
+//! Neighbours are those on the same primitive of the same instance that face about the same way: what falls on the lamp says
+//! nothing of the wall behind it. Only where these are fewer than sixteen, those on other things that face that way count too.
+
+use std::{collections::BTreeMap, f32::consts::FRAC_1_PI, num::NonZeroUsize};
+
+use glam::Vec3;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use super::map::{CausticPhoton, FLATNESS};
+use crate::math::sobol;
+
+/// Photons of the first pass that lie within the first radius of one of them.
+const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
+/// Largest radius over the extent of most photons where these are many, and where they are few; and the smallest over the
+/// largest.
+const RADIUS_MAX: [f32; 2] = [1.0 / 32.0, 0.5];
+const RADIUS_RANGE: f32 = 1.0 / (1 << 20) as f32;
+/// Share of photons that may lie beyond either end of what is taken for their extent: strays would blur all others.
+const STRAY_SHARE: f32 = 0.05;
+
+/// Names what a photon fell on: a primitive of an instance, where it faces most along some axis one way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Sheet(u32);
+
+/// Ways to face.
+const WAYS: usize = 6;
+
+impl Sheet {
+    /// - `normal`: of the side that the photon fell on
+    pub(super) fn of(instance: u32, primitive: usize, normal: Vec3) -> Sheet {
+        let axis = normal.abs().max_position();
+        let way = 2 * axis + usize::from(normal[axis] < 0.0);
+        // Two that share a name by chance merely know of each other's photons.
+        let thing = sobol::mix(u64::from(instance) << 32 ^ primitive as u64) as u32;
+        Sheet(thing << 3 | way as u32)
+    }
+
+    fn way(self) -> usize {
+        (self.0 & 7) as usize
+    }
+
+    /// Where a photon lies for the others: distances along what they face count as they do in a blur.
+    fn place(self, position: Vec3) -> [f32; 3] {
+        let mut place = position.to_array();
+        place[self.way() / 2] *= FLATNESS;
+        place
+    }
+}
+
+/// How close photons lay in the first pass: says how far those of all passes are blurred, so that blurs do not depend on
+/// the photons they are for.
+#[derive(Debug)]
+pub(super) struct Pilot {
+    /// Of sheets with enough photons.
+    of_sheets: BTreeMap<Sheet, Crowds>,
+    /// Of all others, by the way they face.
+    of_rest: [Option<Crowds>; WAYS],
+    radius_max_m: f32,
+}
+
+/// What is known at some places.
+#[derive(Debug)]
+struct Crowds {
+    tree: ImmutableKdTree<f32, 3>,
+    crowds: Vec<Crowd>,
+}
+
+/// The neighbours of a photon.
+#[derive(Clone, Copy, Debug)]
+struct Crowd {
+    /// Distance of the last one.
+    radius_m: f32,
+    /// Mean of what they carry, as luminance.
+    flux_w: f32,
+}
+
+/// A photon for its neighbours: where it lies, and what it carries.
+type Placed = ([f32; 3], f32);
+
+impl Pilot {
+    /// - `least_m`: extent to be assumed at least
+    pub(super) fn of(photons: &[CausticPhoton], least_m: f32) -> Pilot {
+        // Spread evenly over a square of that extent, the neighbours would lie within such a share of it.
+        let even = (NEIGHBOURS.get() as f32 * FRAC_1_PI / photons.len().max(1) as f32).sqrt();
+        let share = even.clamp(RADIUS_MAX[0], RADIUS_MAX[1]);
+        let radius_max_m = extent_m(photons).max(least_m) * share;
+        let radius_max_m = if radius_max_m.is_finite() { radius_max_m } else { 0.0 };
+        let mut places: BTreeMap<Sheet, Vec<Placed>> = BTreeMap::new();
+        for photon in photons.iter().filter(|_| radius_max_m > 0.0) {
+            places
+                .entry(photon.sheet)
+                .or_default()
+                .push((photon.sheet.place(photon.position), photon.flux_w.luminance()));
+        }
+        let mut all: [Vec<Placed>; WAYS] = Default::default();
+        let mut rest: [Vec<Placed>; WAYS] = Default::default();
+        let mut of_sheets = BTreeMap::new();
+        for (sheet, places) in places {
+            all[sheet.way()].extend(&places);
+            if places.len() < NEIGHBOURS.get() {
+                rest[sheet.way()].extend(&places);
+            } else if let Some(crowds) = Crowds::at(&places, None, radius_max_m) {
+                of_sheets.insert(sheet, crowds);
+            }
+        }
+        let of_rest = std::array::from_fn(|way| Crowds::at(&rest[way], Some(&all[way]), radius_max_m));
+        Pilot { of_sheets, of_rest, radius_max_m }
+    }
+
+    /// Says of photons how far they are blurred.
+    ///
+    /// - `shrinking`: area of a blur in shares of that in the first pass
+    pub(super) fn blur(&self, photons: &mut [CausticPhoton], shrinking: f32) {
+        photons.par_iter_mut().for_each(|photon| photon.radius_m = self.radius_m(photon) * shrinking.sqrt());
+    }
+
+    /// How far a photon is blurred in the first pass.
+    fn radius_m(&self, photon: &CausticPhoton) -> f32 {
+        let known = self.of_sheets.get(&photon.sheet).or(self.of_rest[photon.sheet.way()].as_ref());
+        let Some(Crowds { tree, crowds }) = known else { return self.radius_max_m };
+        let place = photon.sheet.place(photon.position);
+        let nearest = tree.query(&place).nearest_one::<SquaredEuclidean<f32>>().execute();
+        let crowd = crowds[nearest.item as usize];
+        // Further away than that photon's own neighbours nothing says that as many fall here; and one that carries as much as
+        // several of those around would stand out among them.
+        let radius_m = crowd.radius_m.max(nearest.distance.sqrt());
+        let share = (photon.flux_w.luminance() / crowd.flux_w).max(1.0);
+        (radius_m * share.sqrt()).min(self.radius_max_m)
+    }
+
+    /// Memory: a radius for each photon, and a position and a number in kiddo's tree.
+    pub(super) fn bytes(&self) -> usize {
+        let known = self.of_sheets.values().chain(self.of_rest.iter().flatten());
+        known.map(|known| known.crowds.len() * (size_of::<Crowd>() + 16)).sum()
+    }
+}
+
+impl Crowds {
+    /// Of photons at some places, each as far as the last of its neighbours: among each other, or among `others`. `None`
+    /// without any.
+    fn at(photons: &[Placed], others: Option<&[Placed]>, radius_max_m: f32) -> Option<Crowds> {
+        let tree_of = |photons: &[Placed]| -> Option<ImmutableKdTree<f32, 3>> {
+            let places: Vec<[f32; 3]> = photons.iter().map(|(place, _)| *place).collect();
+            // Only more photons than u32 can count are refused, and none at all.
+            NonZeroUsize::new(places.len()).and_then(|_| ImmutableKdTree::new_from_slice(&places).ok())
+        };
+        let tree = tree_of(photons)?;
+        let of_others = others.map(tree_of);
+        let near = of_others.as_ref().map_or(Some(&tree), Option::as_ref)?;
+        let others = others.unwrap_or(photons);
+        let crowd_of = |(place, flux_w): &Placed| {
+            // Where there are not so many in all, nothing says how close they lie.
+            if others.len() < NEIGHBOURS.get() {
+                return Crowd { radius_m: radius_max_m, flux_w: *flux_w };
+            }
+            let nearest = near.query(place).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
+            let farthest = nearest.iter().map(|near| near.distance).fold(0.0, f32::max);
+            let flux_w: f32 = nearest.iter().map(|near| others[near.item as usize].1).sum();
+            let radius_m = farthest.sqrt().clamp(radius_max_m * RADIUS_RANGE, radius_max_m);
+            Crowd { radius_m, flux_w: flux_w / NEIGHBOURS.get() as f32 }
+        };
+        Some(Crowds { crowds: photons.par_iter().map(crowd_of).collect(), tree })
+    }
+}
+
+/// Diagonal of the box that holds all but the strays on every side, m.
+fn extent_m(photons: &[CausticPhoton]) -> f32 {
+    if photons.is_empty() {
+        return 0.0;
+    }
+    let strays = (STRAY_SHARE * photons.len() as f32) as usize;
+    let along = [0, 1, 2].map(|axis| {
+        let mut places: Vec<f32> = photons.iter().map(|photon| photon.position[axis]).collect();
+        places.sort_unstable_by(f32::total_cmp);
+        places[places.len() - 1 - strays] - places[strays]
+    });
+    Vec3::from_array(along).length()
+}
