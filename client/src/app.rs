@@ -310,7 +310,7 @@ impl App {
         });
         section("Accuracy", true).show_unindented(ui, |ui| accuracy::show_accuracy(ui, &mut self.model));
         section("Statistics", true).show_unindented(ui, |ui| statistics::show(ui, &self.model, now_s));
-        section("Effects", false).show_unindented(ui, |ui| self.effects.show(ui));
+        section("Effects", false).show_unindented(ui, |ui| self.effects.show(ui, &mut self.model));
         let count = messages::count(&self.model);
         let title = if count == 0 { "Messages".to_owned() } else { format!("Messages ({count})") };
         let header = CollapsingHeader::new(RichText::new(title).strong()).id_salt("messages");

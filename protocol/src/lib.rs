@@ -31,8 +31,8 @@ pub use light::{AddLight, LightKind, LightSource, SetLight};
 pub use limits::{LimitError, Limits, SAFE_INTEGER_MAX};
 pub use material::{MaterialProperties, TextureSlot};
 pub use message::{
-    Accuracy, CameraRequest, ClientHello, ClientMessage, Codec, EditRequest, Quality, ServerHello,
-    ServerMessage, Stats, Technique, ToneMap, View,
+    Accuracy, CameraRequest, ClientHello, ClientMessage, Codec, EditRequest, EffectChoice, EffectChoices,
+    Quality, ServerHello, ServerMessage, Stats, Technique, ToneMap, View,
 };
 pub use parse::ParseError;
 pub use problem::{Problem, ProblemKind};

@@ -186,11 +186,73 @@ pub struct Accuracy {
     /// Longest path in surface hits; absent = unlimited (Russian roulette ends paths without bias).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bounces: Option<u32>,
+    /// Effects chosen in place of the scene's plan; default: none.
+    #[serde(skip_serializing_if = "EffectChoices::is_plan")]
+    pub effects: EffectChoices,
 }
 
 impl Default for Accuracy {
     fn default() -> Self {
-        Self { target_error: 0.01, technique: Technique::Auto, bounces: None }
+        Self {
+            target_error: 0.01,
+            technique: Technique::Auto,
+            bounces: None,
+            effects: EffectChoices::default(),
+        }
+    }
+}
+
+/// Whether an effect runs for this viewer.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EffectChoice {
+    /// As the scene calls for.
+    #[default]
+    Auto,
+    /// Though the scene does not call for it: costs time, and changes nothing that is seen.
+    On,
+    /// Though the scene may call for it: its light is missing from the pictures.
+    Off,
+}
+
+impl EffectChoice {
+    /// Every one, for menus.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::On, Self::Off];
+
+    /// As in JSON and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::On => "on",
+            Self::Off => "off",
+        }
+    }
+}
+
+/// Choices of the effects that are computed by themselves; an absent one is `auto`. With the techniques `path` and `none`, `on`
+/// changes nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EffectChoices {
+    /// Light that mirrors, glosses and glass send on to diffuse surfaces.
+    pub caustics: EffectChoice,
+    /// Light between diffuse surfaces.
+    pub indirect: EffectChoice,
+}
+
+impl EffectChoices {
+    /// All is as the scene calls for.
+    pub fn is_plan(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The choice of an effect by its name in [`crate::Effects`]; `None` for those that cannot be chosen.
+    pub fn of(&mut self, effect: &str) -> Option<&mut EffectChoice> {
+        match effect {
+            "caustics" => Some(&mut self.caustics),
+            "indirect" => Some(&mut self.indirect),
+            _ => None,
+        }
     }
 }
 

@@ -15,7 +15,7 @@ use lumicast_engine::{
     film::PictureSize,
     render::{RenderSettings, Rendering},
     scene::{Scene, samples},
-    technique::path::{PathClasses, PathSettings, Query, View, rays_of_a_pass},
+    technique::path::{PathSettings, Query, View, rays_of_a_pass},
     transport::World,
 };
 use rayon::prelude::*;
@@ -73,7 +73,7 @@ fn measure(name: &str, scene: Scene, camera: Option<&str>) {
     };
     let world = Arc::new(World::prepare(Arc::new(scene)));
     let Ok(size) = PictureSize::new(640, 360) else { return };
-    let settings = PathSettings { classes: PathClasses::All, bounces_max: None, seed: 0 };
+    let settings = PathSettings::all(None, 0);
     let queries = rays_of_a_pass(&world, &View::new(&world, &view, size), size, settings);
     let ray_count: usize = queries.iter().map(Vec::len).sum();
 

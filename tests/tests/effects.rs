@@ -110,7 +110,8 @@ fn mean(layer: &[Rgb]) -> f64 {
 fn layers(world: &Arc<World>, indirect: Indirect) -> [RunningStatistics; PathClass::COUNT] {
     let mut of_layers = [RunningStatistics::default(); PathClass::COUNT];
     for seed in 0..PICTURES {
-        let settings = RenderSettings { indirect, bounces_max: None, seed, learning: Learning::First };
+        let settings =
+            RenderSettings { indirect, seed, learning: Learning::First, ..RenderSettings::default() };
         let rendering = picture(world, settings, PASSES);
         assert_eq!(rendering.dropped_samples(), 0);
         for class in PathClass::ALL {
@@ -181,7 +182,8 @@ fn pictures_with_caustics_do_not_depend_on_cuts() {
     for (scene, indirect) in [(room(3), Indirect::Irradiance), (hidden_scene(), Indirect::Auto)] {
         let view = if indirect == Indirect::Auto { scene.camera_view(None).expect("a camera") } else { view };
         let world = Arc::new(World::prepare(Arc::new(scene)));
-        let of = RenderSettings { indirect, bounces_max: None, seed: 1, learning: Learning::InStep };
+        let of =
+            RenderSettings { indirect, seed: 1, learning: Learning::InStep, ..RenderSettings::default() };
         let [whole, cut] = [false, true].map(|is_cut| {
             let mut rendering = Rendering::new(world.clone(), view, size, of);
             let mut passes = 0;
@@ -203,7 +205,12 @@ fn pictures_with_caustics_do_not_depend_on_cuts() {
 #[test]
 fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     let world = Arc::new(World::prepare(Arc::new(hidden_scene())));
-    let of = |indirect| RenderSettings { indirect, bounces_max: None, seed: 7, learning: Learning::First };
+    let of = |indirect| RenderSettings {
+        indirect,
+        seed: 7,
+        learning: Learning::First,
+        ..RenderSettings::default()
+    };
     let looked_up = mean(&picture(&world, of(Indirect::Irradiance), 64).picture().radiance());
     let chain = picture(&world, of(Indirect::Auto), 1500);
     let of_chain = chain.picture();

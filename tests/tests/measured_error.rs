@@ -61,7 +61,8 @@ impl Subject {
 
     /// A picture with so many rays a pixel: whether its interval holds the true error, and both.
     fn judge(&self, indirect: Indirect, seed: u64, rays_a_pixel: u64) -> Judgement {
-        let settings = RenderSettings { indirect, bounces_max: None, seed, learning: Learning::InStep };
+        let settings =
+            RenderSettings { indirect, seed, learning: Learning::InStep, ..RenderSettings::default() };
         let mut rendering = Rendering::new(self.world.clone(), self.view, self.size, settings);
         let rays_max = rays_a_pixel * self.size.pixel_count() as u64;
         let is_enough = |rendering: &Rendering| {

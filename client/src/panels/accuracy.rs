@@ -86,7 +86,8 @@ pub fn show_accuracy(ui: &mut Ui, model: &mut Model) {
     model.set_accuracy(accuracy);
 }
 
-fn choice<T: PartialEq + Copy>(
+/// A menu of a few values.
+pub(super) fn choice<T: PartialEq + Copy>(
     ui: &mut Ui,
     salt: &str,
     value: &mut T,

@@ -1,8 +1,10 @@
 //! Which parts of the renderer the scene needs, and why: the server's `GET /v1/scenes/{id}/effects`.
 
+use super::accuracy::choice;
+use crate::model::Model;
 use crate::theme;
 use egui::{RichText, Ui};
-use lumicast_protocol::Effects;
+use lumicast_protocol::{EffectChoice, Effects};
 use std::sync::mpsc::{Receiver, TryRecvError};
 
 /// The answer to the last question, and the question on its way.
@@ -34,8 +36,9 @@ impl EffectsPanel {
         (self.asked_for, self.pending) = (Some(revision), Some(answer));
     }
 
-    /// The whole panel.
-    pub fn show(&self, ui: &mut Ui) {
+    /// The whole panel. Effects that are computed by themselves can be chosen for this viewer.
+    pub fn show(&self, ui: &mut Ui, model: &mut Model) {
+        let mut accuracy = model.accuracy();
         match &self.answer {
             None => drop(ui.label(RichText::new("Asking the server …").color(theme::WEAK))),
             Some(Err(reason)) => {
@@ -46,9 +49,25 @@ impl EffectsPanel {
                 ui.horizontal(|ui| {
                     ui.label(RichText::new(sign).small().color(colour));
                     ui.label(&effect.effect);
+                    if let Some(chosen) = accuracy.effects.of(&effect.effect) {
+                        choice(ui, &effect.effect, chosen, &EffectChoice::ALL, choice_name)
+                            .on_hover_text(CHOOSING);
+                    }
                 });
                 ui.label(RichText::new(&effect.reason).small().color(theme::WEAK));
             }),
         }
+        model.set_accuracy(accuracy);
+    }
+}
+
+const CHOOSING: &str = "For this viewer alone. Off: pictures lack that light, and their error is measured without it. \
+                        On: computed though the scene does not call for it; that costs time and changes nothing.";
+
+fn choice_name(choice: EffectChoice) -> &'static str {
+    match choice {
+        EffectChoice::Auto => "As the scene needs",
+        EffectChoice::On => "Always",
+        EffectChoice::Off => "Never",
     }
 }

@@ -142,7 +142,7 @@ impl<'a> Job<'a> {
     }
 
     fn rendering(&self) -> Rendering {
-        let RenderArgs { bounces, seed, .. } = *self.args;
+        let RenderArgs { bounces, seed, effects, .. } = *self.args;
         let indirect = self.args.technique();
         let learning = match self.rule {
             // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
@@ -153,7 +153,7 @@ impl<'a> Job<'a> {
             StopRule { samples: Some(_), .. } => Learning::First,
             StopRule { .. } => Learning::InStep,
         };
-        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning };
+        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning, effects };
         Rendering::new(self.world.clone(), self.view, self.size, settings)
     }
 
@@ -284,7 +284,7 @@ impl<'a> Job<'a> {
         let picture = rendering.picture();
         let (error, error_ci, error_trimmed) =
             statistics::shown_errors(rendering.measured_error_of(&picture));
-        let plan = EffectPlan::of(self.world.scene());
+        let plan = EffectPlan::of(self.world.scene()).chosen(self.args.effects);
         let light = rendering.illumination().map(Illumination::report).unwrap_or_default();
         let records = rendering.records();
         let caustics = rendering.caustics();

@@ -230,12 +230,11 @@ fn mean_over_sphere(image: &Texture) -> [f32; 3] {
 }
 
 /// Which parts of the renderer this scene needs, and why.
-pub fn effects(scene: &Scene, revision: u64) -> wire::Effects {
-    let plan = EffectPlan::of(scene);
-    let effects = plan.effects.into_iter().map(|effect| wire::Effect {
+pub fn effects(plan: &EffectPlan, revision: u64) -> wire::Effects {
+    let effects = plan.effects.iter().map(|effect| wire::Effect {
         effect: effect.kind.name().into(),
         on: effect.is_on,
-        reason: effect.reason,
+        reason: effect.reason.clone(),
     });
     wire::Effects { revision, effects: effects.collect() }
 }

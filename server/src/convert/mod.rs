@@ -7,7 +7,7 @@ mod describe;
 mod edits;
 
 use glam::{DAffine3, DMat4, DQuat, DVec3};
-use lumicast_engine::{film, render, scene};
+use lumicast_engine::{effects, film, render, scene};
 use lumicast_protocol as wire;
 
 pub use describe::{describe, effects};
@@ -120,6 +120,16 @@ pub fn tone_map(tone_map: wire::ToneMap) -> film::ToneMap {
         wire::ToneMap::Aces => film::ToneMap::Aces,
         wire::ToneMap::Agx => film::ToneMap::AgX,
     }
+}
+
+/// Effects that a viewer chooses in place of the scene's plan.
+pub fn effect_choices(choices: wire::EffectChoices) -> effects::EffectChoices {
+    let choice = |choice| match choice {
+        wire::EffectChoice::Auto => effects::EffectChoice::Plan,
+        wire::EffectChoice::On => effects::EffectChoice::On,
+        wire::EffectChoice::Off => effects::EffectChoice::Off,
+    };
+    effects::EffectChoices { caustics: choice(choices.caustics), indirect: choice(choices.indirect) }
 }
 
 /// What the engine renders a technique with, and what that is called; a technique that this version lacks is told so.

@@ -35,8 +35,8 @@ pub(super) fn add(
 ) -> Result<(), ReportError> {
     let Some(reference) = &prepared.reference else { return Ok(()) };
     let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
-    let mut rendering =
-        Rendering::with(prepared.world.clone(), prepared.view, prepared.size, settings, Some(light));
+    let scene = (prepared.world.clone(), &prepared.plan);
+    let mut rendering = Rendering::with(scene, prepared.view, prepared.size, settings, Some(light));
     rendering.look_caustics_up();
     let never = AtomicBool::new(false);
     while rendering.passes() < passes {

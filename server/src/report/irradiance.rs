@@ -90,10 +90,11 @@ struct Made {
 
 fn made(prepared: &Prepared, size: PictureSize, settings: &RenderSettings, of: IrradianceSettings) -> Made {
     let of = IlluminationSettings { irradiance: of, ..IlluminationSettings::of(settings) };
-    let Some(mut learner) = Learner::new(settings, of) else {
+    let Some(learnt) = settings.learns(&prepared.plan) else {
         let (records, photons) = Default::default();
         return Made { light: None, records, photons, ray_count: 0 };
     };
+    let mut learner = Learner::new(learnt, settings, of);
     learner.look(0, &prepared.view, size);
     let never = AtomicBool::new(false);
     while learner.stage() != Stage::Complete {
@@ -226,7 +227,8 @@ fn drawn(
     light: Option<Arc<dyn SecondaryLight>>,
     passes: u32,
 ) -> Vec<Rgb> {
-    let mut rendering = Rendering::with(prepared.world.clone(), prepared.view, size, *settings, light);
+    let scene = (prepared.world.clone(), &prepared.plan);
+    let mut rendering = Rendering::with(scene, prepared.view, size, *settings, light);
     let never = AtomicBool::new(false);
     while rendering.passes() < passes {
         rendering.step(&never);
@@ -294,9 +296,9 @@ impl Filling {
     fn frame_rate(&self) -> Option<f64> {
         let size = PictureSize::new(512, 512).ok()?;
         let settings = RenderSettings { indirect: Indirect::Irradiance, ..RenderSettings::default() };
-        let Prepared { world, view, .. } = &self.0.prepared;
+        let Prepared { world, plan, view, .. } = &self.0.prepared;
         let known = self.0.rendering.known().cloned();
-        let mut rendering = Rendering::with(world.clone(), *view, size, settings, known);
+        let mut rendering = Rendering::with((world.clone(), plan), *view, size, settings, known);
         let start = Instant::now();
         rendering.step(&AtomicBool::new(false));
         Some(1.0 / start.elapsed().as_secs_f64())

@@ -6,6 +6,7 @@ use std::{
 };
 
 use lumicast_engine::{
+    effects::EffectPlan,
     film::PictureSize,
     math::Rgb,
     scene::{CameraView, Scene},
@@ -44,6 +45,8 @@ fn as_text<S: serde::Serializer>(source: &SceneSource, serializer: S) -> Result<
 pub(super) struct Prepared {
     /// With its trees and lights.
     pub(super) world: Arc<World>,
+    /// What the scene calls for.
+    pub(super) plan: EffectPlan,
     /// Its first camera; all of it from the front where it has none.
     pub(super) view: CameraView,
     /// The reference's size, or that of a picture when none is asked for.
@@ -143,6 +146,7 @@ impl Subject {
             size,
             reference,
             is_diffuse: is_diffuse(&scene),
+            plan: EffectPlan::of(&scene),
             world: Arc::new(World::prepare(scene)),
         })
     }

@@ -8,6 +8,7 @@ use super::{DeskMessage, EditJob, News, Scene, Snapshot, lock};
 use crate::assets;
 use crate::convert;
 use crate::store::{Base, Encoded, Record, SceneStore};
+use lumicast_engine::effects::Inventory;
 use lumicast_engine::scene::SceneChange;
 use lumicast_protocol::{Edit, EditReply, EventEntry, Problem, ProblemKind, SceneDescription};
 use serde_json::Value;
@@ -21,6 +22,8 @@ pub(super) struct Desk {
     pub(super) scene: Arc<Scene>,
     pub(super) store: Option<SceneStore>,
     pub(super) keys: Keys,
+    /// Of the present scene.
+    pub(super) inventory: Inventory,
     /// Log length at which folding is tried next; grows when it was not possible.
     pub(super) fold_at_bytes: u64,
 }
@@ -89,9 +92,17 @@ impl Desk {
         }
         let scene = Arc::new(applied.scene);
         let world = self.scene.workshop.building_pool.install(|| before.world.update(scene, &applied.change));
-        let snapshot = Snapshot { revision, light_revision, world: Arc::new(world) };
         let change = applied.change;
-        self.record_and_publish(snapshot, change, batch, idempotency_key.zip(digest))
+        self.inventory.follow(before.world.scene(), world.scene(), &change);
+        let plan = Arc::new(self.inventory.plan());
+        let snapshot = Snapshot { revision, light_revision, world: Arc::new(world), plan };
+        let after = snapshot.world.clone();
+        let answer = self.record_and_publish(snapshot, change.clone(), batch, idempotency_key.zip(digest));
+        if answer.is_err() {
+            // The scene stays as it was.
+            self.inventory.follow(after.scene(), before.world.scene(), &change);
+        }
+        answer
     }
 
     /// The batch as it will be kept.

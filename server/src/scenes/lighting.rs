@@ -155,7 +155,7 @@ impl Lighting {
         }
         for (key, gazes) in wanted {
             if !self.lit.contains_key(key) {
-                let Some(learner) = learner_of(*key, workshop) else { continue };
+                let learner = learner_of(*key, workshop);
                 let seconds = self.lit.values().map(|lit| lit.seconds).reduce(f64::min).unwrap_or(0.0);
                 let lit = Lit {
                     learner,
@@ -229,19 +229,20 @@ impl Lighting {
     }
 }
 
-fn learner_of(key: LightKey, workshop: &Workshop) -> Option<Learner> {
+fn learner_of(key: LightKey, workshop: &Workshop) -> Learner {
     let LightKey { learnt, bounces_max } = key;
     let indirect = match learnt {
         Learnt::Octree => Indirect::Octree,
         Learnt::Records => Indirect::Irradiance,
     };
     let learning = Learning::Alongside { until: None };
-    let settings = RenderSettings { indirect, bounces_max, seed: workshop.config.seed, learning };
+    let seed = workshop.config.seed;
+    let settings = RenderSettings { indirect, bounces_max, seed, learning, ..RenderSettings::default() };
     let mut of = IlluminationSettings::of(&settings);
     of.photons.emitted_count = workshop.config.photons;
     of.octree.depth = workshop.config.octree_depth;
     of.irradiance.records_max = workshop.config.irradiance_records as usize;
-    Learner::new(&settings, of)
+    Learner::new(learnt, &settings, of)
 }
 
 #[cfg(test)]

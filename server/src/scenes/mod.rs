@@ -24,6 +24,7 @@ use crate::convert;
 use crate::store::Store;
 use crate::telemetry::Metrics;
 use history::History;
+use lumicast_engine::effects::EffectPlan;
 use lumicast_engine::transport::World;
 use lumicast_protocol::{
     Accuracy, CameraRequest, Convergence, Edit, EditReply, EventEntry, EventLog, Problem, ProblemKind,
@@ -104,6 +105,8 @@ pub struct Snapshot {
     pub light_revision: u64,
     /// Scene and trees.
     pub world: Arc<World>,
+    /// What the scene calls for.
+    pub plan: Arc<EffectPlan>,
 }
 
 /// A batch on its way to the edit thread.
@@ -308,7 +311,7 @@ impl Scene {
     /// Which parts of the renderer it needs.
     pub fn effects(&self) -> lumicast_protocol::Effects {
         let snapshot = self.snapshot();
-        convert::effects(snapshot.world.scene(), snapshot.revision)
+        convert::effects(&snapshot.plan, snapshot.revision)
     }
 
     /// Viewers connected.

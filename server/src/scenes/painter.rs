@@ -109,7 +109,7 @@ impl Painter {
             let Some(wish) = viewer.wish() else { continue };
             let key = self.key_of(&wish, snapshot, self.films.get(&viewer.id()));
             let size = PictureSize::new(key.full[0].into(), key.full[1].into());
-            if let (Some(light), Ok(size)) = (key.light(), size) {
+            if let (Some(light), Ok(size)) = (key.light, size) {
                 let gaze = Gaze { viewer: viewer.id(), camera: key.view, size };
                 wanted.entry(light).or_default().push(gaze);
             }
@@ -121,7 +121,7 @@ impl Painter {
         std::mem::swap(&mut board.light_changes, &mut changes);
         board.light_changes.append(changes);
         for film in self.films.values_mut() {
-            let Some(light) = film.key.light() else { continue };
+            let Some(light) = film.key.light else { continue };
             let generation = self.lighting.generation(light);
             let epoch = self.lighting.epoch(light);
             let is_same_scene = film.light_epoch == epoch;
@@ -230,7 +230,7 @@ impl Painter {
 
     /// All is known of its light, and it is drawn with that.
     fn is_lit(&self, film: &ViewerFilm) -> bool {
-        film.key.light().is_none_or(|light| {
+        film.key.light.is_none_or(|light| {
             self.lighting.is_complete(light) && film.light_generation == self.lighting.generation(light)
         })
     }
@@ -244,12 +244,26 @@ impl Painter {
         };
         // Who watches through a camera that was removed keeps the last pose.
         let view = view.or(film.map(|film| film.key.view)).unwrap_or_else(|| scene.default_view());
+        let settings = self.settings_of(wish);
+        let light_of = |learnt| LightKey { learnt, bounces_max: wish.bounces_max };
         FilmKey {
             view,
             full: wish.camera.size,
             indirect: wish.indirect,
             bounces_max: wish.bounces_max,
+            effects: wish.effects,
+            light: settings.learns(&snapshot.plan).map(light_of),
             light_revision: snapshot.light_revision,
+        }
+    }
+
+    fn settings_of(&self, wish: &Wish) -> RenderSettings {
+        RenderSettings {
+            indirect: wish.indirect,
+            bounces_max: wish.bounces_max,
+            seed: self.scene.workshop.config.seed,
+            learning: Learning::Alongside { until: None },
+            effects: wish.effects,
         }
     }
 
@@ -331,8 +345,8 @@ impl Painter {
         let budget = self.quick_pass(active);
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
         film.divisor_min = self.finest_divisor(key.indirect, key.full);
-        film.light_generation = key.light().map_or(0, |light| self.lighting.generation(light));
-        film.light_epoch = key.light().map_or(0, |light| self.lighting.epoch(light));
+        film.light_generation = key.light.map_or(0, |light| self.lighting.generation(light));
+        film.light_epoch = key.light.map_or(0, |light| self.lighting.epoch(light));
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
@@ -380,19 +394,14 @@ impl Painter {
         let size = scaled(film.key.full, divisor);
         let picture = PictureSize::new(size[0].into(), size[1].into())
             .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?;
-        let settings = RenderSettings {
-            indirect: wish.indirect,
-            bounces_max: wish.bounces_max,
-            seed: self.scene.workshop.config.seed,
-            learning: Learning::Alongside { until: None },
-        };
-        let (world, view) = (snapshot.world.clone(), film.key.view);
-        let rendering = match film.key.light() {
-            Some(light) => {
-                Rendering::with(world, view, picture, settings, self.lighting.known(light, wish.indirect))
-            }
-            None => Rendering::new(world, view, picture, settings),
-        };
+        let known = film.key.light.and_then(|light| self.lighting.known(light, wish.indirect));
+        let rendering = Rendering::with(
+            (snapshot.world.clone(), &snapshot.plan),
+            film.key.view,
+            picture,
+            self.settings_of(wish),
+            known,
+        );
         Ok(Layer {
             rendering,
             divisor,

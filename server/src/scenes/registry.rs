@@ -8,6 +8,7 @@ use crate::assets::{self, AssetError};
 use crate::convert;
 use crate::store::{Base, SceneStore, StoreError, Stored};
 use crate::telemetry::SceneFigures;
+use lumicast_engine::effects::{EffectPlan, Inventory};
 use lumicast_engine::scene::{self as engine_scene, SceneError, samples};
 use lumicast_engine::transport::World;
 use lumicast_protocol::{Convergence, EventEntry, Problem, ProblemKind, SceneId, SceneList};
@@ -235,7 +236,8 @@ impl Scenes {
 
     fn prepare(&self, scene: engine_scene::Scene, revision: u64) -> Snapshot {
         let world = self.workshop.building_pool.install(|| World::prepare(Arc::new(scene)));
-        Snapshot { revision, light_revision: revision, world: Arc::new(world) }
+        let plan = Arc::new(EffectPlan::of(world.scene()));
+        Snapshot { revision, light_revision: revision, world: Arc::new(world), plan }
     }
 
     fn fresh_history(&self) -> (usize, History) {
@@ -273,7 +275,8 @@ impl Scenes {
             last_curve: Mutex::new(Convergence::default()),
             described: Mutex::new(None),
         });
-        let desk = Desk { scene: scene.clone(), store, keys, fold_at_bytes: config.log_bytes };
+        let inventory = Inventory::of(scene.snapshot().world.scene());
+        let desk = Desk { scene: scene.clone(), store, keys, inventory, fold_at_bytes: config.log_bytes };
         let painter = Painter::new(scene.clone());
         let threads = vec![
             spawn("edit", &scene, move || desk.run(&jobs))?,

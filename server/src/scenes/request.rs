@@ -155,7 +155,8 @@ impl Drawing {
         };
         let started = Instant::now();
         let learning = Learning::Alongside { until: Some(started + seconds.mul_f64(LEARNING_SHARE)) };
-        let settings = RenderSettings { indirect: INDIRECT, bounces_max: None, seed: config.seed, learning };
+        let settings =
+            RenderSettings { indirect: INDIRECT, seed: config.seed, learning, ..RenderSettings::default() };
         Drawing {
             rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
             memory: super::viewer_film::FilmMemory::of(workshop, INDIRECT, job.size),

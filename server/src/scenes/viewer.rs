@@ -3,6 +3,8 @@
 //! There is no queue: a new camera replaces the one before, a new picture replaces the one that was not sent yet. So a
 //! viewer that stalls holds one picture and costs nothing else.
 
+use crate::convert;
+use lumicast_engine::effects::EffectChoices;
 use lumicast_engine::render::Indirect;
 use lumicast_protocol::{Accuracy, CameraRequest, ConvergencePoint, FrameHeader, Quality, Stats, Technique};
 use std::collections::VecDeque;
@@ -42,6 +44,7 @@ pub(super) struct Wish {
     pub(super) indirect: Indirect,
     pub(super) technique: Technique,
     pub(super) bounces_max: Option<u32>,
+    pub(super) effects: EffectChoices,
 }
 
 #[derive(Debug)]
@@ -201,6 +204,7 @@ impl Viewer {
             indirect: state.indirect,
             technique: state.technique,
             bounces_max: state.accuracy.bounces,
+            effects: convert::effect_choices(state.accuracy.effects),
         })
     }
 

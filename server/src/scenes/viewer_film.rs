@@ -7,6 +7,7 @@ use super::ladder::{DIVISOR_MAX, Size, Speed};
 use super::lighting::LightKey;
 use super::viewer::Wish;
 use super::{Snapshot, Workshop};
+use lumicast_engine::effects::EffectChoices;
 use lumicast_engine::film::{Film, MeasuredError, PictureSize};
 use lumicast_engine::render::{Indirect, Rendering};
 use lumicast_engine::scene::CameraView;
@@ -36,16 +37,10 @@ pub(super) struct FilmKey {
     pub(super) full: Size,
     pub(super) indirect: Indirect,
     pub(super) bounces_max: Option<u32>,
+    pub(super) effects: EffectChoices,
+    /// What is known of the scene's light that it shows, if any.
+    pub(super) light: Option<LightKey>,
     pub(super) light_revision: u64,
-}
-
-impl FilmKey {
-    /// What is known of the scene's light it shows, if any.
-    pub(super) fn light(&self) -> Option<LightKey> {
-        let FilmKey { indirect, bounces_max, .. } = *self;
-        let learnt = indirect.learns(bounces_max)?;
-        Some(LightKey { learnt, bounces_max })
-    }
 }
 
 /// Counts the memory of a film for as long as it lives.
@@ -189,7 +184,7 @@ impl ViewerFilm {
 
     /// It shows what is known of the scene's light, for all viewers alike.
     pub(super) fn is_lit_by_the_scene(&self) -> bool {
-        self.key.light().is_some()
+        self.key.light.is_some()
     }
 
     /// What comes next for a film whose key still holds.

@@ -1,10 +1,10 @@
 //! Numbers about a scene that decide which effects it can show.
 
+use super::Inventory;
 use crate::{
-    scene::{Environment, Id, LightKind, Material, Scene, TextureSlot},
+    scene::{Material, Scene, TextureSlot},
     transport::bsdf::SMOOTH_ALPHA,
 };
-use std::collections::BTreeSet;
 
 /// What the placed objects of a scene are made of and lit by. Counts of materials are counts of placed ones.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -40,34 +40,16 @@ pub struct SceneFacts {
 impl SceneFacts {
     /// Collects the facts in one walk over the nodes.
     pub fn of(scene: &Scene) -> SceneFacts {
-        let mut facts = SceneFacts {
-            punctual_lights: scene.lights().values().filter(|light| is_lit(&light.kind)).count(),
-            environment_is_lit: match scene.environment() {
-                Environment::None => false,
-                Environment::Constant(radiance) => !radiance.is_black(),
-                Environment::Image { scale, .. } => !scale.is_black(),
-            },
-            ..SceneFacts::default()
-        };
-        let mut placed: BTreeSet<&Id> = BTreeSet::new();
-        let meshes = scene.nodes().values().filter_map(|node| scene.meshes().get(node.mesh.as_ref()?));
-        for primitive in meshes.flat_map(|mesh| mesh.primitives()) {
-            let triangles = u64::from(primitive.triangle_count);
-            facts.triangles += triangles;
-            let Some(material) = scene.materials().get(&primitive.material) else { continue };
-            if material.is_emissive() {
-                facts.emissive_triangles += triangles;
-            }
-            if triangles > 0 {
-                placed.insert(&primitive.material);
-            }
-        }
-        placed.iter().filter_map(|id| scene.materials().get(*id)).for_each(|material| facts.count(material));
-        facts
+        Inventory::of(scene).facts().clone()
     }
 
-    fn count(&mut self, material: &Material) {
-        let add = |number: &mut usize, is_so: bool| *number += usize::from(is_so);
+    /// Calls `step` with every number that a placed material counts for.
+    pub(super) fn count(&mut self, material: &Material, mut step: impl FnMut(&mut usize)) {
+        let mut add = |number: &mut usize, is_so: bool| {
+            if is_so {
+                step(number);
+            }
+        };
         add(&mut self.materials, true);
         add(&mut self.masked, material.alpha_cutoff.is_some_and(|cutoff| cutoff > 0.0));
         add(&mut self.textured, material.textures.iter().any(Option::is_some));
@@ -120,11 +102,4 @@ fn has_diffuse_lobe(material: &Material) -> bool {
 fn has_specular_lobe(material: &Material) -> bool {
     // Metal of black base colour still reflects white at grazing angles, and counts.
     material.metallic > 0.0 || material.specular > 0.0
-}
-
-fn is_lit(kind: &LightKind) -> bool {
-    match kind {
-        LightKind::Point { intensity } | LightKind::Spot { intensity, .. } => !intensity.is_black(),
-        LightKind::Directional { irradiance } => !irradiance.is_black(),
-    }
 }

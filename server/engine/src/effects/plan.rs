@@ -78,7 +78,11 @@ pub struct EffectPlan {
 impl EffectPlan {
     /// The plan of a scene.
     pub fn of(scene: &Scene) -> EffectPlan {
-        let facts = SceneFacts::of(scene);
+        EffectPlan::from_facts(SceneFacts::of(scene))
+    }
+
+    /// The plan of a scene of which these are the facts.
+    pub fn from_facts(facts: SceneFacts) -> EffectPlan {
         EffectPlan { effects: effects(&facts), facts }
     }
 

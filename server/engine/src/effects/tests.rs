@@ -1,9 +1,9 @@
 //! Laws of the plan: each effect follows its fact, and what is not placed decides nothing.
 
-use super::{EffectKind, EffectPlan};
+use super::{EffectChoice, EffectChoices, EffectKind, EffectPlan, Inventory};
 use crate::math::Rgb;
 use crate::scene::{
-    Environment, Id, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits, Texels, Texture,
+    Environment, Id, Light, LightKind, Material, Node, Scene, SceneBuilder, SceneLimits, Texels, Texture,
     TextureRef, TextureSlot,
     samples::{self, Stage, quad},
 };
@@ -143,4 +143,81 @@ fn the_built_in_box_has_glass_mirror_and_caustics() {
     assert_eq!(on(&scene), ["diffuse", "mirror", "glass", "area_lights", "caustics", "indirect"]);
     let facts = EffectPlan::of(&scene).facts;
     assert_eq!((facts.emissive_triangles, facts.triangles), (2, scene.instanced_triangle_count()));
+}
+
+/// What is chosen wins and says so; what the plan says anyway keeps its reason, and nothing else changes.
+#[test]
+fn choices_win_over_the_plan() {
+    let scene = samples::boxes().unwrap();
+    let plan = EffectPlan::of(&scene);
+    assert!(plan.is_on(EffectKind::Indirect) && !plan.is_on(EffectKind::Caustics));
+    for kind in EffectChoices::KINDS {
+        for choice in [EffectChoice::Plan, EffectChoice::On, EffectChoice::Off] {
+            let mut choices = EffectChoices::default();
+            *choices.of(kind).unwrap() = choice;
+            let chosen = plan.clone().chosen(choices);
+            for (before, after) in plan.effects.iter().zip(&chosen.effects) {
+                let expected = match choice {
+                    EffectChoice::On if before.kind == kind => true,
+                    EffectChoice::Off if before.kind == kind => false,
+                    _ => before.is_on,
+                };
+                assert_eq!(after.is_on, expected, "{kind:?} {choice:?} {:?}", before.kind);
+                assert_eq!(after.reason == before.reason, after.is_on == before.is_on);
+            }
+        }
+    }
+}
+
+/// After any edits the plan is that of the scene they made, reasons and all.
+#[test]
+fn a_plan_that_follows_edits_is_that_of_the_scene() {
+    let materials = [
+        Material::lambert(Rgb::splat(0.5)),
+        Material { metallic: 1.0, roughness: 0.0, ..Material::default() },
+        Material { transmission: 1.0, roughness: 0.0, ..Material::default() },
+        Material::emitter(Rgb::WHITE),
+        Material { roughness: 0.4, ..Material::default() },
+    ];
+    let mut scene = lit_scene(&materials);
+    let mut inventory = Inventory::of(&scene);
+    let mut plans = std::collections::BTreeSet::new();
+    for number in 0..400u32 {
+        let [what, which, other, _] = crate::math::sobol::point(7, number);
+        let id = |name: &str| Id::sanitised(name, name);
+        let pick = |count: usize, at: f32| (at * count as f32) as usize;
+        let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+        let (node, mesh) = (id(&format!("n{}", pick(6, which))), id(&format!("q{}", pick(5, other))));
+        // Some of these are refused: then nothing changes.
+        let _ = match pick(6, what) {
+            0 => builder.remove_node(node.as_str()),
+            1 => builder.add_node(
+                node,
+                Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(mesh) },
+            ),
+            2 => builder.remove_node(mesh.as_str()),
+            3 => builder.set_material(id(&format!("m{}", pick(5, which))), materials[pick(5, other)].clone()),
+            4 => builder.add_light(
+                id("l"),
+                Light {
+                    parent: None,
+                    position: DVec3::ZERO,
+                    direction: DVec3::NEG_Z,
+                    kind: LightKind::Point { intensity: if which < 0.5 { Rgb::BLACK } else { Rgb::WHITE } },
+                },
+            ),
+            _ if which < 0.5 => builder.remove_light("l"),
+            _ => builder.set_environment(if other < 0.5 {
+                Environment::None
+            } else {
+                Environment::Constant(Rgb::WHITE)
+            }),
+        };
+        let (next, change) = builder.finish();
+        inventory.follow(&scene, &next, &change);
+        scene = next;
+        assert_eq!(inventory.plan(), EffectPlan::of(&scene), "after edit {number}");
+        plans.insert(on(&scene));
+    }
+    assert!(plans.len() > 8, "{} plans", plans.len());
 }

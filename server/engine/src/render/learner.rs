@@ -13,7 +13,7 @@ use crate::{
     technique::{
         Counts, Edit, Products, SecondaryLight, Step, Technique,
         irradiance::{IrradianceCaching, IrradianceSettings},
-        path::{PathClasses, PathSettings, PathTracer},
+        path::{PathSettings, PathTracer},
         photons::ProbeCounts,
     },
     transport::{Source, World},
@@ -32,6 +32,7 @@ const COPIED_SHARE: f64 = 0.02;
 /// Photons and octree, and what is gathered from them for those who look, improved step by step and kept through edits.
 #[derive(Debug)]
 pub struct Learner {
+    learnt: Learnt,
     settings: RenderSettings,
     of: IlluminationSettings,
     /// `None` where no bounce is asked for that it, or records, would bring.
@@ -58,13 +59,13 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// `None` for techniques that learn nothing.
+    /// Nothing known yet.
     ///
     /// - `of`: photons and octree where light is looked up in the octree; records of irradiance are gathered from fewer
-    pub fn new(settings: &RenderSettings, of: IlluminationSettings) -> Option<Learner> {
+    pub fn new(learnt: Learnt, settings: &RenderSettings, of: IlluminationSettings) -> Learner {
         let mut of = of;
         of.irradiance.is_paced = matches!(settings.learning, Learning::Alongside { .. });
-        let illumination = match settings.learns()? {
+        let illumination = match learnt {
             Learnt::Octree => Some(of),
             Learnt::Records if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
             Learnt::Records => {
@@ -74,7 +75,8 @@ impl Learner {
                 Some(of)
             }
         };
-        Some(Learner {
+        Learner {
+            learnt,
             settings: *settings,
             of,
             illumination: illumination.map(Illumination::new),
@@ -90,7 +92,7 @@ impl Learner {
             gaze_count: 0,
             record_seconds: 0.0,
             record_counts: Counts::default(),
-        })
+        }
     }
 
     /// Somebody looks at something, in place of what was looked at by this name before.
@@ -113,7 +115,7 @@ impl Learner {
     /// How far it has got, for all who look.
     pub fn stage(&self) -> Stage {
         let Some(illumination) = &self.illumination else { return Stage::Complete };
-        if self.settings.learns() != Some(Learnt::Records) || illumination.stage() != Stage::Complete {
+        if self.learnt != Learnt::Records || illumination.stage() != Stage::Complete {
             return illumination.stage();
         }
         match &self.records {
@@ -279,7 +281,7 @@ fn records_over(
     base: Option<Arc<dyn SecondaryLight>>,
 ) -> IrradianceCaching {
     let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
-    let path = PathSettings { classes: PathClasses::All, bounces_max, seed: settings.seed };
+    let path = PathSettings::all(bounces_max, settings.seed);
     let arriving = match base.clone().filter(|_| bounces_max.is_none()) {
         Some(base) => PathTracer::with_secondary(path, base),
         None => PathTracer::new(path),

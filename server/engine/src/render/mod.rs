@@ -18,16 +18,16 @@ use std::{
 };
 
 use crate::{
-    effects::{EffectKind, EffectPlan},
+    effects::{EffectChoices, EffectKind, EffectPlan},
     film::{Film, MeasuredError, Outdated, Picture, PictureSize},
     math::sobol,
     scene::CameraView,
     technique::{
         Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
         caustics::{CausticReport, CausticSettings, Caustics},
-        path::{PathClasses, PathSettings, PathTracer},
+        path::{PathSettings, PathTracer},
     },
-    transport::{PathClass, World},
+    transport::{PathClass, PathClasses, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
@@ -69,18 +69,6 @@ pub enum Learnt {
 }
 
 impl Indirect {
-    /// What is drawn is looked up in something learnt before, with an error that is more than noise.
-    ///
-    /// - `bounces_max`: most scatterings of a path
-    pub fn learns(self, bounces_max: Option<u32>) -> Option<Learnt> {
-        match self {
-            Indirect::Octree => Some(Learnt::Octree),
-            Indirect::Irradiance => Some(Learnt::Records),
-            Indirect::Auto => bounces_max.is_none_or(|bounces| bounces > 1).then_some(Learnt::Records),
-            Indirect::Path | Indirect::None => None,
-        }
-    }
-
     /// Films that a picture takes.
     pub fn film_count(self) -> usize {
         if self == Indirect::Auto { 2 } else { 1 }
@@ -115,12 +103,27 @@ pub struct RenderSettings {
     pub seed: u64,
     /// When it is drawn.
     pub learning: Learning,
+    /// Effects that are chosen in place of the plan.
+    pub effects: EffectChoices,
 }
 
 impl RenderSettings {
-    /// What is learnt for it.
-    pub fn learns(&self) -> Option<Learnt> {
-        self.indirect.learns(self.bounces_max)
+    /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
+    fn looks_up(&self) -> bool {
+        match self.indirect {
+            Indirect::Octree | Indirect::Irradiance => true,
+            Indirect::Auto => self.bounces_max.is_none_or(|bounces| bounces > 1),
+            Indirect::Path | Indirect::None => false,
+        }
+    }
+
+    /// What is learnt for that; nothing where no surface lights another.
+    ///
+    /// - `plan`: of the scene
+    pub fn learns(&self, plan: &EffectPlan) -> Option<Learnt> {
+        let learnt = if self.indirect == Indirect::Octree { Learnt::Octree } else { Learnt::Records };
+        let runs = self.effects.indirect.runs(plan.is_on(EffectKind::Indirect));
+        (self.looks_up() && runs).then_some(learnt)
     }
 }
 
@@ -137,6 +140,8 @@ pub struct Rendering {
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
     traced: Option<Film>,
     settings: RenderSettings,
+    /// What its light is looked up in.
+    learnt: Option<Learnt>,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
     /// Work on learning less that on passes, since the first pass.
@@ -164,35 +169,43 @@ impl Rendering {
         size: PictureSize,
         settings: RenderSettings,
     ) -> Rendering {
-        let mut learner = Learner::new(&settings, IlluminationSettings::of(&settings)).map(Box::new);
-        if let Some(learner) = &mut learner {
+        let plan = EffectPlan::of(world.scene());
+        let rendering = Rendering::with((world, &plan), view, size, settings, None);
+        let learner = rendering.learnt.map(|learnt| {
+            let mut learner = Learner::new(learnt, &settings, IlluminationSettings::of(&settings));
             learner.look(0, &view, size);
-        }
-        Rendering { learner, ..Rendering::with(world, view, size, settings, None) }
+            Box::new(learner)
+        });
+        Rendering { learner, ..rendering }
     }
 
     /// An empty film of `view` that is drawn with what is known of the scene's light; by octree and records light that comes
     /// by way of other surfaces is missing where nothing is known.
+    ///
+    /// - `plan`: of the world's scene
     pub fn with(
-        world: Arc<World>,
+        (world, plan): (Arc<World>, &EffectPlan),
         view: CameraView,
         size: PictureSize,
         settings: RenderSettings,
         known: Option<Arc<dyn SecondaryLight>>,
     ) -> Rendering {
-        let is_learnt = settings.learns().is_some();
-        let plan = (is_learnt && settings.bounces_max.is_none_or(|bounces| bounces > 1))
-            .then(|| EffectPlan::of(world.scene()))
-            .filter(|plan| plan.is_on(EffectKind::Caustics));
+        let learnt = settings.learns(plan);
+        let reaches_further = settings.bounces_max.is_none_or(|bounces| bounces > 1);
+        let runs = settings.effects.caustics.runs(plan.is_on(EffectKind::Caustics));
+        let is_focused = settings.looks_up() && reaches_further && runs;
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
-        let caustics = plan.as_ref().map(|_| Caustics::new(of));
-        let hidden = |what_for| HiddenLight::of(plan.as_ref()?, &settings, size, what_for);
-        let measured = is_learnt.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
+        let caustics = is_focused.then(|| Caustics::new(of));
+        let hidden = |what_for| HiddenLight::of(plan, &settings, size, what_for).filter(|_| is_focused);
+        // What is sampled alone says by its two halves how far off it is.
+        let is_gauged = learnt.is_some() || is_focused;
+        let measured = is_gauged.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
-            technique: tracer(&settings, known),
+            technique: tracer(&settings, learnt, known),
+            learnt,
             caustics,
             hidden: [HiddenFor::LookedUp, HiddenFor::Traced].map(hidden),
             traced: None,
@@ -357,7 +370,7 @@ impl Rendering {
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
-        self.technique = tracer(&self.settings, known);
+        self.technique = tracer(&self.settings, self.learnt, known);
         // Caustics of their own do not depend on what is known, but on the scene.
         let classes: &[PathClass] = match (&self.caustics, outdated) {
             (Some(_), Outdated::Rough) => &[PathClass::Indirect],
@@ -532,19 +545,25 @@ fn step_on(
 
 /// Settings of a path tracer of all that is to be seen.
 fn all_paths(settings: &RenderSettings) -> PathSettings {
-    PathSettings { classes: PathClasses::All, bounces_max: settings.bounces_max, seed: settings.seed }
+    let shown = settings.effects.shown();
+    PathSettings { shown, traced: shown, ..PathSettings::all(settings.bounces_max, settings.seed) }
 }
 
-/// The path tracer that draws with what is known; where the best there is is asked for and nothing is known, by itself.
-fn tracer(settings: &RenderSettings, known: Option<Arc<dyn SecondaryLight>>) -> PathTracer {
-    let is_learnt = settings.learns().is_some();
-    let classes = match settings.indirect {
-        Indirect::None | Indirect::Octree | Indirect::Irradiance => PathClasses::EmittedAndDirect,
-        Indirect::Auto | Indirect::Path => PathClasses::All,
+/// The path tracer that draws with what is known; where the best there is is asked for and nothing is known yet, by itself.
+fn tracer(
+    settings: &RenderSettings,
+    learnt: Option<Learnt>,
+    known: Option<Arc<dyn SecondaryLight>>,
+) -> PathTracer {
+    let path = all_paths(settings);
+    let asks = match settings.indirect {
+        Indirect::None | Indirect::Octree | Indirect::Irradiance => true,
+        Indirect::Auto => settings.looks_up() && learnt.is_none(),
+        Indirect::Path => false,
     };
-    let path = PathSettings { classes, ..all_paths(settings) };
-    match known.filter(|_| is_learnt) {
+    match known.filter(|_| learnt.is_some()) {
         Some(known) => PathTracer::with_secondary(path, known),
+        None if asks => PathTracer::new(PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..path }),
         None => PathTracer::new(path),
     }
 }

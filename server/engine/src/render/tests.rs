@@ -548,7 +548,13 @@ fn the_best_there_is_shows_all_the_light_and_measures_itself() {
     let draw = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let learning = Learning::InStep;
-        let settings = RenderSettings { indirect: Indirect::Auto, bounces_max: Some(3), learning, seed: 3 };
+        let settings = RenderSettings {
+            indirect: Indirect::Auto,
+            bounces_max: Some(3),
+            learning,
+            seed: 3,
+            ..RenderSettings::default()
+        };
         pool.install(|| {
             let mut rendering = Rendering::new(world.clone(), view, size, settings);
             let mut techniques = Vec::new();

@@ -18,6 +18,6 @@ pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
     Sphere,
 };
-pub use path_class::{PathClass, Scatter};
+pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use world::{ShadowRay, World, WorldReport};

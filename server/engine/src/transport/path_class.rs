@@ -58,9 +58,81 @@ impl PathClass {
     }
 }
 
+/// Some of the classes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PathClasses(u8);
+
+impl PathClasses {
+    /// All of them.
+    pub const ALL: PathClasses = PathClasses::of(&PathClass::ALL);
+    /// Light seen directly, and light that falls on the first diffuse surface straight from its source.
+    pub const EMITTED_AND_DIRECT: PathClasses = PathClasses::of(&[PathClass::Emitted, PathClass::Direct]);
+
+    /// These.
+    pub const fn of(classes: &[PathClass]) -> PathClasses {
+        let (mut bits, mut at) = (0, 0);
+        while at < classes.len() {
+            bits |= 1 << classes[at] as u8;
+            at += 1;
+        }
+        PathClasses(bits)
+    }
+
+    /// All of these but one.
+    pub fn without(self, class: PathClass) -> PathClasses {
+        PathClasses(self.0 & !(1 << class as u8))
+    }
+
+    /// Those that are in both.
+    pub fn and(self, other: PathClasses) -> PathClasses {
+        PathClasses(self.0 & other.0)
+    }
+
+    /// Whether one is among them.
+    pub fn contains(self, class: PathClass) -> bool {
+        self.0 >> class as u8 & 1 == 1
+    }
+
+    /// Whether a path that is of `class` so far becomes one of these by some further scatterings, one at least.
+    pub fn are_beyond(self, class: PathClass) -> bool {
+        let beyond = match class {
+            PathClass::Emitted => PathClasses::ALL,
+            PathClass::Direct | PathClass::Caustic => {
+                PathClasses::of(&[PathClass::Caustic, PathClass::Indirect])
+            }
+            PathClass::Indirect => PathClasses::of(&[PathClass::Indirect]),
+        };
+        self.and(beyond) != PathClasses(0)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What lies beyond a class is what some scatterings make of it.
+    #[test]
+    fn what_lies_beyond_a_class_is_what_scatterings_make_of_it() {
+        for class in PathClass::ALL {
+            let mut reached = [false; PathClass::COUNT];
+            let mut next = vec![class];
+            while let Some(class) = next.pop() {
+                for after in [Scatter::Diffuse, Scatter::Specular].map(|scatter| class.after(scatter)) {
+                    if !std::mem::replace(&mut reached[after as usize], true) {
+                        next.push(after);
+                    }
+                }
+            }
+            for other in PathClass::ALL {
+                assert_eq!(
+                    PathClasses::of(&[other]).are_beyond(class),
+                    reached[other as usize],
+                    "{class:?} {other:?}"
+                );
+                assert!(PathClasses::ALL.contains(other) && !PathClasses::ALL.without(other).contains(other));
+            }
+        }
+    }
 
     /// The state machine agrees with the definition on every path of up to seven scatterings.
     #[test]

@@ -7,6 +7,7 @@ use std::{
 };
 
 use lumicast_engine::{
+    effects::{EffectChoice, EffectChoices},
     film::{PictureSize, ToneMap},
     render::Indirect,
     scene::{Camera, Scene},
@@ -53,6 +54,10 @@ pub struct RenderArgs {
     /// octree and irradiance the bound on what a surface receives takes no account of mirrors and glass between it and the eye
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
+    /// Effects in place of the scene's plan, such as caustics=off,indirect=on: caustics and indirect may be auto, on or off.
+    /// With off the picture lacks that light; on costs time and changes nothing that is seen
+    #[arg(long, value_name = "LIST", default_value = "", value_parser = parse_effects, hide_default_value = true)]
+    pub effects: EffectChoices,
     /// Names the random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
@@ -91,6 +96,26 @@ impl RenderArgs {
             (indirect, _) => indirect,
         }
     }
+}
+
+fn parse_effects(list: &str) -> Result<EffectChoices, String> {
+    let mut choices = EffectChoices::default();
+    for item in list.split(',').filter(|item| !item.trim().is_empty()) {
+        let (name, choice) = item.split_once('=').ok_or_else(|| format!("{item:?}: write caustics=off"))?;
+        let kind = EffectChoices::KINDS.into_iter().find(|kind| kind.name() == name.trim());
+        let place = kind.and_then(|kind| choices.of(kind));
+        *place.ok_or_else(|| {
+            format!(
+                "{name:?}: caustics and indirect can be chosen; the others come with materials and lights"
+            )
+        })? = match choice.trim() {
+            "auto" => EffectChoice::Plan,
+            "on" => EffectChoice::On,
+            "off" => EffectChoice::Off,
+            _ => return Err(format!("{choice:?}: auto, on or off")),
+        };
+    }
+    Ok(choices)
 }
 
 /// Where light is computed.

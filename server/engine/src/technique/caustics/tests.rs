@@ -369,7 +369,7 @@ fn blurs_keep_flux() {
 }
 
 /// Nor do blurs lose any over edges, or under what stands in the light: on a plate of a metre with a box on it, where blurs are
-/// as wide as the plate is from there to its edge, all flux is seen. Without mending, a third is lost.
+/// as wide as the plate is from there to its edge, all flux is seen. Without mending, a ninth is lost.
 #[test]
 fn blurs_keep_flux_at_borders() {
     let mut stage = Stage::default();

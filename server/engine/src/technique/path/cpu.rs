@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{FocusedLight, PathClasses, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
+use super::{FocusedLight, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -128,6 +128,9 @@ impl Tracer<'_> {
             tally.ray(&path.ray);
             met = self.world.closest_hit(&path.ray);
         }
+        // Classes that nobody asked for are met on the way to others.
+        let unshown = PathClass::ALL.iter().filter(|class| !self.settings.shown.contains(**class));
+        unshown.for_each(|class| sample.radiance[*class as usize] = Rgb::BLACK);
         sample
     }
 
@@ -201,9 +204,8 @@ impl Tracer<'_> {
 
     /// True when no further scattering of the path is asked for.
     fn is_complete(&self, path: &Path<'_>) -> bool {
-        let direct_only =
-            self.settings.classes == PathClasses::EmittedAndDirect && path.class == PathClass::Direct;
-        direct_only || path.bounce >= self.settings.bounces_max.unwrap_or(BOUNCES_END)
+        !self.settings.traced.are_beyond(path.class)
+            || path.bounce >= self.settings.bounces_max.unwrap_or(BOUNCES_END)
     }
 
     fn add_environment(&self, path: &Path<'_>, sample: &mut PixelSample) {
@@ -279,7 +281,7 @@ impl Tracer<'_> {
             let (weight, is_wanted) = match followed {
                 Followed::Wanted => {
                     let is_gathered = scatter == Scatter::Specular && self.has_gathered(path, 1);
-                    (weight, self.wants(class) && !is_gathered)
+                    (weight, self.settings.traced.contains(class) && !is_gathered)
                 }
                 // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
                 Followed::All => (weight, scatter == Scatter::Diffuse),
@@ -322,9 +324,9 @@ impl Tracer<'_> {
             return false;
         }
         // What is looked up is bounded by itself, whatever lies between the surface and the eye.
-        let scatterings_max = match (self.settings.classes, self.settings.bounces_max) {
-            (PathClasses::All, Some(bounces)) => bounces - path.bounce - 1,
-            _ => u32::MAX,
+        let scatterings_max = match self.settings.bounces_max.filter(|_| !self.settings.asks()) {
+            Some(bounces) => bounces - path.bounce - 1,
+            None => u32::MAX,
         };
         let focused = caustics.scattered(surface, -path.ray.direction, scatterings_max);
         let mut add = |scatter, radiance| {
@@ -342,14 +344,7 @@ impl Tracer<'_> {
 
     /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
     fn has_gathered(&self, path: &Path<'_>, scatterings: u32) -> bool {
-        self.settings.classes == PathClasses::EmittedAndDirect && path.since_gathered >= scatterings
-    }
-
-    fn wants(&self, class: PathClass) -> bool {
-        match self.settings.classes {
-            PathClasses::All => true,
-            PathClasses::EmittedAndDirect => matches!(class, PathClass::Emitted | PathClass::Direct),
-        }
+        self.settings.asks() && path.since_gathered >= scatterings
     }
 
     /// Draws where the path goes on. False when it ends here.
@@ -361,7 +356,9 @@ impl Tracer<'_> {
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
         let is_wanted = match followed {
-            Followed::Wanted => self.wants(class),
+            Followed::Wanted => {
+                self.settings.traced.contains(class) || self.settings.traced.are_beyond(class)
+            }
             Followed::All => true,
             Followed::Specular => drawn.scatter == Scatter::Specular,
         };

@@ -294,8 +294,7 @@ mod tests {
         let world = World::prepare(Arc::new(samples::boxes().unwrap()));
         let size = PictureSize::new(1, 1).unwrap();
         let view = View::new(&world, &world.scene().camera_view(None).unwrap(), size);
-        let classes = super::super::PathClasses::All;
-        let mut gauge = Gauge::new(PathSettings { classes, bounces_max: None, seed: 0 }, size);
+        let mut gauge = Gauge::new(PathSettings::all(None, 0), size);
         let never = AtomicBool::new(false);
         (0..8).for_each(|_| {
             gauge.step((&world, &view), 16.0, &[], [None, None], &never);

@@ -39,32 +39,37 @@ use crate::{
     accel::{Hit, Ray},
     film::{Film, PictureSize, Tile},
     math::{Rgb, sobol::PixelSampler},
-    transport::{PathClass, ShadowRay, World},
+    transport::{PathClass, PathClasses, ShadowRay, World},
 };
 use cpu::{Tracer, primary_ray};
 
 /// Surfaces that rays of a gather meet nearer than so many times the blur of what is known there are looked past.
 const NEAR_BLURS: f32 = 2.0;
 
-/// Which paths are traced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PathClasses {
-    /// All of them.
-    All,
-    /// Light seen directly and light that falls on the first diffuse surface straight from its source; what else falls there
-    /// is asked of [`PathTracer::with_secondary`] and of [`super::Products::caustics`], if there are any.
-    EmittedAndDirect,
-}
-
 /// Parameters of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PathSettings {
-    /// Paths to trace.
-    pub classes: PathClasses,
+    /// Paths that are shown.
+    pub shown: PathClasses,
+    /// Paths that are traced. Where these are light seen directly and direct light, what else falls on the first diffuse surface is
+    /// asked of [`PathTracer::with_secondary`] and of [`super::Products::caustics`], if there are any.
+    pub traced: PathClasses,
     /// Most scatterings of a path; 1 = light by one scattering only. `None`: Russian roulette alone ends paths.
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
+}
+
+impl PathSettings {
+    /// All paths.
+    pub fn all(bounces_max: Option<u32>, seed: u64) -> PathSettings {
+        PathSettings { shown: PathClasses::ALL, traced: PathClasses::ALL, bounces_max, seed }
+    }
+
+    /// Light that comes by way of mirrors to what scatters it diffusely is asked for, not traced.
+    fn asks(&self) -> bool {
+        !self.traced.contains(PathClass::Caustic)
+    }
 }
 
 /// Path tracing on the CPU, on the rayon pool it is called in. Keeps nothing between steps but the film.
@@ -84,13 +89,13 @@ impl PathTracer {
 
     /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
     pub fn with_secondary(settings: PathSettings, secondary: Arc<dyn SecondaryLight>) -> PathTracer {
-        let settings = PathSettings { classes: PathClasses::EmittedAndDirect, ..settings };
+        let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..settings };
         PathTracer { settings, secondary: Some(secondary) }
     }
 
     /// It asks others for light that comes by way of other surfaces.
     pub fn asks(&self) -> bool {
-        self.settings.classes == PathClasses::EmittedAndDirect
+        self.settings.asks()
     }
 }
 

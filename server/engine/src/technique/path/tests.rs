@@ -4,7 +4,7 @@ use std::sync::{Arc, atomic::AtomicBool};
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-use super::{PathClasses, PathSettings, PathTracer, Tracer};
+use super::{PathSettings, PathTracer, Tracer};
 use crate::{
     accel::Ray,
     film::{Film, PictureSize},
@@ -15,7 +15,7 @@ use crate::{
         samples::{self, Stage},
     },
     technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique},
-    transport::{PathClass, Scatter, Surface, World},
+    transport::{PathClass, PathClasses, Scatter, Surface, World},
 };
 
 fn render(scene: &Scene, side: u32, passes: u32, settings: RenderSettings) -> Film {
@@ -302,7 +302,7 @@ struct EvenSecondary {
 
 impl SecondaryLight for EvenSecondary {
     fn card(&self) -> &'static Card {
-        PathTracer::new(PathSettings { classes: PathClasses::All, bounces_max: None, seed: 0 }).card()
+        PathTracer::new(PathSettings::all(None, 0)).card()
     }
 
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
@@ -340,7 +340,7 @@ fn near_surfaces_are_looked_past_without_loss() {
         // All light that arrives but what is emitted straight towards the surface.
         let irradiance = Rgb::splat(std::f32::consts::PI * (radiance - emission));
         let secondary = Arc::new(EvenSecondary { irradiance, blur_m });
-        let settings = PathSettings { classes: PathClasses::EmittedAndDirect, bounces_max: None, seed: 3 };
+        let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..PathSettings::all(None, 3) };
         let tracer = PathTracer::with_secondary(settings, secondary);
         let mean = mean_arriving(&world, &tracer, 40_000);
         let expected = f64::from(radiance - emission);
@@ -397,7 +397,7 @@ impl SecondaryLight for Traced {
 }
 
 fn whole() -> PathTracer {
-    PathTracer::new(PathSettings { classes: PathClasses::All, bounces_max: None, seed: 0 })
+    PathTracer::new(PathSettings::all(None, 0))
 }
 
 /// Where every surface also has a glossy lobe and is near, rays of a gather bring as much as paths traced to their end.
@@ -419,7 +419,7 @@ fn near_glossy_surfaces_are_looked_past_without_loss() {
     stage.place("lamp", lamp, DAffine3::IDENTITY).unwrap();
     let world = Arc::new(World::prepare(Arc::new(stage.finish())));
     let traced = Traced { world: world.clone(), asked: 0.into() };
-    let settings = PathSettings { classes: PathClasses::EmittedAndDirect, bounces_max: None, seed: 3 };
+    let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..PathSettings::all(None, 3) };
     let near = PathTracer::with_secondary(settings, Arc::new(traced));
     let mean = |tracer: &PathTracer| mean_arriving(&world, tracer, 60_000);
     let (found, expected) = (mean(&near), mean(&whole()));
