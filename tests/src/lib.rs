@@ -5,6 +5,7 @@
 //! reads with a deadline.
 
 mod http;
+mod pictures;
 mod programs;
 mod random;
 mod server;
@@ -12,6 +13,7 @@ mod statistics;
 mod viewer;
 
 pub use http::Response;
+pub use pictures::{Compared, compare_layers, mean, picture};
 pub use programs::{program, shared_folder};
 pub use random::Random;
 pub use server::Server;

@@ -8,18 +8,15 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DVec3};
 use lumicast_engine::film::PictureSize;
-use lumicast_engine::math::{Rgb, RunningStatistics, sobol};
+use lumicast_engine::math::{Rgb, sobol};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::samples::{Stage, cuboid, quad, sphere};
 use lumicast_engine::scene::{CameraView, Light, LightKind, Material, Scene};
-use lumicast_engine::transport::{PathClass, World};
+use lumicast_engine::transport::World;
+use lumicast_tests::{compare_layers, mean, picture};
 
-/// Pictures of each kind, with seeds of their own: they say how far a mean may be off.
-const PICTURES: u64 = 4;
 const SIDE: u32 = 32;
 const PASSES: u32 = 48;
-/// What photons and records may be off by in the mean of a layer, in shares of the mean of the picture and of the layer.
-const BIAS_MAX: [f64; 2] = [0.004, 0.04];
 
 fn v(x: f64, y: f64, z: f64) -> DVec3 {
     DVec3::new(x, y, z)
@@ -92,35 +89,6 @@ fn room(seed: u64) -> Scene {
     stage.finish()
 }
 
-fn picture(world: &Arc<World>, settings: RenderSettings, passes: u32) -> Rendering {
-    let view = world.scene().camera_view(None).expect("a camera");
-    let size = PictureSize::new(SIDE, SIDE).expect("a size");
-    let mut rendering = Rendering::new(world.clone(), view, size, settings);
-    while rendering.passes() < passes || !rendering.is_whole() {
-        rendering.step(&AtomicBool::new(false));
-    }
-    rendering
-}
-
-fn mean(layer: &[Rgb]) -> f64 {
-    layer.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / layer.len() as f64
-}
-
-/// Mean of every layer over pictures.
-fn layers(world: &Arc<World>, indirect: Indirect) -> [RunningStatistics; PathClass::COUNT] {
-    let mut of_layers = [RunningStatistics::default(); PathClass::COUNT];
-    for seed in 0..PICTURES {
-        let settings =
-            RenderSettings { indirect, seed, learning: Learning::First, ..RenderSettings::default() };
-        let rendering = picture(world, settings, PASSES);
-        assert_eq!(rendering.dropped_samples(), 0);
-        for class in PathClass::ALL {
-            of_layers[class as usize].add(mean(&rendering.film().layer(class)));
-        }
-    }
-    of_layers
-}
-
 #[test]
 fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     let is_nightly = std::env::var_os("LUMICAST_NIGHTLY").is_some();
@@ -130,25 +98,9 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     let mut with_caustics = 0;
     for seed in 0..rooms.unwrap_or(if is_nightly { 200 } else { 8u64 }) {
         let world = Arc::new(World::prepare(Arc::new(room(seed))));
-        let [path, looked_up] =
-            [Indirect::Path, Indirect::Irradiance].map(|indirect| layers(&world, indirect));
-        let whole: f64 = path.iter().map(RunningStatistics::mean).sum();
-        with_caustics += u32::from(path[PathClass::Caustic as usize].mean() > 0.02 * whole);
-        for class in PathClass::ALL {
-            let [expected, found] = [&path, &looked_up].map(|layers| layers[class as usize]);
-            let noise = expected.standard_error().hypot(found.standard_error());
-            // Four pictures know their own spread to a third: six deviations.
-            let allowed = BIAS_MAX[0] * whole + BIAS_MAX[1] * expected.mean() + 6.0 * noise;
-            let off = found.mean() - expected.mean();
-            if off.abs() > allowed || off.is_nan() {
-                failures.push(format!(
-                    "room {seed}, {}: {:.4} for {:.4} ± {noise:.4} of {whole:.4}",
-                    class.name(),
-                    found.mean(),
-                    expected.mean(),
-                ));
-            }
-        }
+        let compared = compare_layers(&format!("room {seed}"), &world, Indirect::Irradiance, PASSES);
+        with_caustics += u32::from(compared.caustic_share > 0.02);
+        failures.extend(compared.failures);
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
@@ -211,8 +163,8 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
         learning: Learning::First,
         ..RenderSettings::default()
     };
-    let looked_up = mean(&picture(&world, of(Indirect::Irradiance), 64).picture().radiance());
-    let chain = picture(&world, of(Indirect::Auto), 1500);
+    let looked_up = mean(&picture(&world, SIDE, of(Indirect::Irradiance), 64).picture().radiance());
+    let chain = picture(&world, SIDE, of(Indirect::Auto), 1500);
     let of_chain = chain.picture();
     let found = mean(&of_chain.radiance());
     assert!((found / looked_up - 1.0).abs() < 0.03, "{found} for {looked_up}");
@@ -220,7 +172,7 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     let error = chain.measured_error_of(&of_chain).expect("a measure").error();
     assert!(error < 0.1, "{error}");
     // What paths from the eye find by themselves is less.
-    let path = mean(&picture(&world, of(Indirect::Path), 64).picture().radiance());
+    let path = mean(&picture(&world, SIDE, of(Indirect::Path), 64).picture().radiance());
     assert!(path < 0.8 * looked_up, "{path} of {looked_up}");
     println!("{found} for {looked_up}, path {path}, error {error}, traced share {}", of_chain.traced_share());
     assert!(of_chain.traced_share() > 0.05, "{}: nothing was path-traced", of_chain.traced_share());

@@ -149,6 +149,8 @@ fn caustics(facts: &SceneFacts) -> Effect {
         (false, "nothing sends out light")
     } else if !facts.is_specular() {
         (false, "all surfaces scatter diffusely: none is a mirror, glossy or glass")
+    } else if facts.diffuse == 0 && facts.glossy > 0 && facts.hides_light() {
+        (true, "mirrors or glass send the light of lamps without size on to glosses: photons alone find it")
     } else if facts.diffuse == 0 {
         (false, "no diffuse surface for focused light to fall on")
     } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
