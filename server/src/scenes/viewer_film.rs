@@ -206,7 +206,7 @@ impl ViewerFilm {
 
     pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
-        let is_biased = self.is_lit_by_the_scene() && self.key.indirect != Indirect::Auto;
+        let is_biased = layer.rendering.is_looked_up() && self.key.indirect != Indirect::Auto;
         let reached = match self.measured {
             Some(measured) if passes >= PASSES_BELIEVED && measured.reaches(wish.target_error) => true,
             Some(_) => is_biased && passes >= PASSES_BIASED,

@@ -370,6 +370,48 @@ async fn viewers_look_through_what_the_scene_learns() {
     server.stop().await;
 }
 
+/// Effects are chosen by each viewer for itself: what one turned off is missing from its pictures alone, and comes back.
+#[tokio::test]
+async fn effects_are_chosen_by_each_viewer() {
+    let server = Server::start(|config| config.photons = 20_000).await;
+    let mut viewers = Vec::new();
+    let off = json!({"caustics": "off", "indirect": "off"});
+    let choices = [json!({}), off.clone(), json!({"indirect": "off"}), json!({"caustics": "on"})];
+    for effects in &choices {
+        let mut viewer = server.viewer().await;
+        viewer.say(json!({"type": "quality", "codec": "png", "tone_map": "linear"})).await;
+        viewer.say(asking_for(effects)).await;
+        viewer.say(json!({"type": "camera", "stamp": 7, "size": SMALL, "camera": "main"})).await;
+        viewers.push(viewer);
+    }
+    let mut sums = Vec::new();
+    for viewer in &mut viewers {
+        sums.push(brightness_at(viewer, 7).await);
+    }
+    let [all, none, focused, forced] = sums[..] else { panic!("four viewers") };
+    assert!(none < 0.95 * focused && focused < 0.95 * all, "{sums:?}");
+    assert!((forced / all - 1.0).abs() < 0.03, "{sums:?}");
+    let [first, second, ..] = &mut viewers[..] else { panic!("four viewers") };
+    for (viewer, effects, expected) in [(first, off, none), (second, json!({}), all)] {
+        viewer.say(asking_for(&effects)).await;
+        viewer.say(json!({"type": "camera", "stamp": 8, "size": SMALL, "camera": "main"})).await;
+        let sum = brightness_at(viewer, 8).await;
+        assert!((sum / expected - 1.0).abs() < 0.03, "{sum} for {expected}");
+    }
+    server.stop().await;
+}
+
+fn asking_for(effects: &serde_json::Value) -> serde_json::Value {
+    json!({"type": "accuracy", "target_error": 0.1, "technique": "irradiance", "effects": effects})
+}
+
+/// Sum over a converged picture drawn for this stamp.
+async fn brightness_at(viewer: &mut Viewer, stamp: u64) -> f64 {
+    let (_, payload) = viewer.frame_where(|header| header.camera_stamp == stamp && header.converged).await;
+    let picture = image::load_from_memory(&payload).unwrap().into_rgb8();
+    picture.pixels().flat_map(|pixel| pixel.0).map(f64::from).sum()
+}
+
 /// Refusals that keep the connection: unknown camera, bad pose, a frame never sent, a technique not there yet.
 #[tokio::test]
 async fn a_refused_message_changes_nothing() {
@@ -386,6 +428,7 @@ async fn a_refused_message_changes_nothing() {
         (json!({"type": "camera", "stamp": 1, "size": [0, 1], "camera": "main"}), 422, "size"),
         (json!({"type": "ack", "frame": 9}), 422, "frame"),
         (json!({"type": "accuracy", "technique": "lightmap"}), 422, "technique"),
+        (json!({"type": "accuracy", "effects": {"glass": "off"}}), 400, ""),
         (json!({"type": "quality", "jpeg_quality": 0}), 422, "jpeg_quality"),
         (json!({"type": "hello", "client": "again", "version": "1"}), 400, ""),
         (json!({"type": "dance"}), 400, ""),

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     accel::Ray,
-    math::{Frame, octahedral, sobol},
+    math::{Frame, sobol},
     technique::FACING_COS,
     transport::World,
 };
@@ -67,7 +67,7 @@ impl Blur {
     fn of(photon: &CausticPhoton) -> Blur {
         Blur {
             centre: photon.position,
-            frame: Frame::around(octahedral::decode(photon.normal)),
+            frame: Frame::around(photon.normal),
             radius_m: photon.radius_m,
             is_on_back: photon.is_on_back,
             height: 1.0,

@@ -1,18 +1,19 @@
 //! The photons of one pass where they fell, each blurred over a disc of its own.
 //!
 //! A photon of flux Φ and radius r adds Φ · 2/(πr²) · (1 − d²/r²) to the irradiance at the distance d on a surface that faces
-//! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid.
+//! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid, in every cell that
+//! their blurs reach: a look-up asks one cell of each.
 
-use std::f32::consts::FRAC_2_PI;
+use std::f32::consts::{FRAC_1_PI, FRAC_2_PI};
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Sheet;
 use crate::{
-    math::{Rgb, octahedral},
+    math::Rgb,
     technique::{FACING_COS, FocusedLight, FocusedScatter},
-    transport::Surface,
+    transport::{Bsdf, Surface},
 };
 
 /// How many times distances along the normal count: what lies above or below is another sheet.
@@ -30,10 +31,10 @@ pub struct CausticPhoton {
     pub radius_m: f32,
     /// Flux, W.
     pub flux_w: Rgb,
-    /// Where it came from, octahedral.
-    pub direction: u32,
-    /// Normal of the surface on the side it fell on, octahedral.
-    pub normal: u32,
+    /// Where it came from.
+    pub direction: Vec3,
+    /// Normal of the surface on the side it fell on.
+    pub normal: Vec3,
     /// What it fell on.
     pub sheet: Sheet,
     /// Scatterings before.
@@ -48,15 +49,20 @@ pub struct CausticMap {
     grids: Vec<Grid>,
 }
 
-/// Photons of about one radius, by the cell they lie in.
+/// Photons of about one radius, by the cells that their blurs reach.
 #[derive(Debug)]
 struct Grid {
-    /// The largest radius.
-    radius_m: f32,
+    /// Width of a cell: the largest radius.
+    cell_m: f32,
+    /// Where blurs reach.
     min: Vec3,
     max: Vec3,
-    /// Where the photons of a bucket begin; one more than there are buckets.
+    /// Where the entries of a bucket begin; one more than there are buckets.
     starts: Vec<u32>,
+    /// Numbers of photons, each once in every bucket of a cell that its blur reaches.
+    entries: Vec<u32>,
+    /// Place and squared radius of every photon, which is all that most are asked for.
+    places: Vec<[f32; 4]>,
     photons: Vec<CausticPhoton>,
 }
 
@@ -80,77 +86,118 @@ impl CausticMap {
 
     /// Memory of photons and grids.
     pub fn bytes(&self) -> usize {
-        let of_grid = |grid: &Grid| grid.photons.len() * size_of::<CausticPhoton>() + grid.starts.len() * 4;
+        let of_grid = |grid: &Grid| {
+            let of_photon = size_of::<CausticPhoton>() + size_of::<[f32; 4]>();
+            grid.photons.len() * of_photon + (grid.starts.len() + grid.entries.len()) * size_of::<u32>()
+        };
         self.grids.iter().map(of_grid).sum()
     }
 }
 
 impl Grid {
-    fn of(photons: Vec<CausticPhoton>) -> Grid {
-        let radius_m = photons.iter().fold(0.0, |radius: f32, photon| radius.max(photon.radius_m));
-        let min = photons.iter().fold(Vec3::INFINITY, |min, photon| min.min(photon.position));
-        let max = photons.iter().fold(Vec3::NEG_INFINITY, |max, photon| max.max(photon.position));
-        let buckets = (2 * photons.len()).next_power_of_two();
+    fn of(mut photons: Vec<CausticPhoton>) -> Grid {
+        let cell_m = photons.iter().fold(0.0, |radius: f32, photon| radius.max(photon.radius_m));
+        let min = photons.iter().fold(Vec3::INFINITY, |min, photon| min.min(photon.position)) - cell_m;
+        let max = photons.iter().fold(Vec3::NEG_INFINITY, |max, photon| max.max(photon.position)) + cell_m;
+        let count = (2 * photons.len()).next_power_of_two();
         let mut grid = Grid {
-            radius_m,
-            min: min - radius_m,
-            max: max + radius_m,
-            starts: vec![0; buckets + 1],
-            photons,
+            cell_m,
+            min,
+            max,
+            starts: vec![0; count + 1],
+            entries: vec![],
+            places: vec![],
+            photons: vec![],
         };
-        let bucket_of: Vec<u32> =
-            grid.photons.iter().map(|photon| grid.bucket(Grid::parts(grid.cell(photon.position)))).collect();
-        for bucket in &bucket_of {
-            grid.starts[*bucket as usize + 1] += 1;
+        // Photons of one cell lie together: they are asked for together.
+        photons.sort_by_cached_key(|photon| grid.bucket(grid.cell(photon.position)));
+        let buckets: Vec<Buckets> = photons.iter().map(|photon| grid.reached_by(photon)).collect();
+        for bucket in buckets.iter().flat_map(Buckets::iter) {
+            grid.starts[bucket + 1] += 1;
         }
-        for bucket in 0..buckets {
+        for bucket in 0..count {
             grid.starts[bucket + 1] += grid.starts[bucket];
         }
         let mut next = grid.starts.clone();
-        let mut sorted = grid.photons.clone();
-        for (photon, bucket) in grid.photons.iter().zip(bucket_of) {
-            let place = &mut next[bucket as usize];
-            sorted[*place as usize] = *photon;
-            *place += 1;
+        grid.entries = vec![0; next[count] as usize];
+        for (number, buckets) in buckets.iter().enumerate() {
+            for bucket in buckets.iter() {
+                grid.entries[next[bucket] as usize] = number as u32;
+                next[bucket] += 1;
+            }
         }
-        grid.photons = sorted;
+        let place_of = |photon: &CausticPhoton| {
+            let [x, y, z] = photon.position.to_array();
+            [x, y, z, photon.radius_m * photon.radius_m]
+        };
+        grid.places = photons.iter().map(place_of).collect();
+        grid.photons = photons;
         grid
     }
 
-    /// Cells are as wide as two radii: what is near lies in eight of them.
     fn cell(&self, p: Vec3) -> IVec3 {
-        ((p - self.min) / (2.0 * self.radius_m)).floor().as_ivec3()
+        ((p - self.min) / self.cell_m).floor().as_ivec3()
     }
 
-    /// A number for a cell: parts for its three indices, so that those of neighbours are shared [Teschner2003].
-    fn parts(cell: IVec3) -> [u32; 3] {
+    /// [Teschner2003]
+    fn bucket(&self, cell: IVec3) -> u32 {
         let [x, y, z] = cell.to_array().map(|index| index as u32);
-        [x.wrapping_mul(73_856_093), y.wrapping_mul(19_349_663), z.wrapping_mul(83_492_791)]
+        let hash = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791);
+        hash & (self.starts.len() as u32 - 2)
     }
 
-    fn bucket(&self, [x, y, z]: [u32; 3]) -> u32 {
-        (x ^ y ^ z) & (self.starts.len() as u32 - 2)
+    /// The buckets of all cells that a blur reaches, each once.
+    fn reached_by(&self, photon: &CausticPhoton) -> Buckets {
+        let normal = photon.normal;
+        // Of the flat spheroid that a blur is.
+        let flat = 1.0 - 1.0 / (FLATNESS * FLATNESS);
+        let along = |n: f32| photon.radius_m * (1.0 - n * n * flat).max(0.0).sqrt();
+        let extent = Vec3::new(along(normal.x), along(normal.y), along(normal.z));
+        let [low, high] = [photon.position - extent, photon.position + extent].map(|p| self.cell(p));
+        let mut buckets = Buckets::default();
+        for x in low.x..=high.x {
+            for y in low.y..=high.y {
+                for z in low.z..=high.z {
+                    buckets.add(self.bucket(IVec3::new(x, y, z)));
+                }
+            }
+        }
+        buckets
     }
 
-    /// Calls `visit` with every photon that may reach `p`.
+    /// Calls `visit` with every photon that reaches `p`, were its blur a ball.
     fn near(&self, p: Vec3, mut visit: impl FnMut(&CausticPhoton)) {
         if p.cmplt(self.min).any() || p.cmpgt(self.max).any() {
             return;
         }
-        let first = self.cell(p - self.radius_m);
-        let [low, high] = [first, first + 1].map(Grid::parts);
-        let mut seen = [u32::MAX; 8];
-        for corner in 0..8 {
-            let part = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
-            let bucket = self.bucket([part(0), part(1), part(2)]);
-            let [start, end] = [bucket, bucket + 1].map(|bucket| self.starts[bucket as usize] as usize);
-            // Two cells may share a bucket.
-            if start == end || seen[..corner].contains(&bucket) {
-                continue;
+        let bucket = self.bucket(self.cell(p)) as usize;
+        for entry in &self.entries[self.starts[bucket] as usize..self.starts[bucket + 1] as usize] {
+            let [x, y, z, r2] = self.places[*entry as usize];
+            if (p - Vec3::new(x, y, z)).length_squared() < r2 {
+                visit(&self.photons[*entry as usize]);
             }
-            seen[corner] = bucket;
-            self.photons[start..end].iter().for_each(&mut visit);
         }
+    }
+}
+
+/// Some buckets, each once: as many as there are cells of the width of a radius within two of them, three each way, and one for
+/// rounding.
+#[derive(Clone, Copy, Default)]
+struct Buckets {
+    count: usize,
+    buckets: [u32; 32],
+}
+
+impl Buckets {
+    fn add(&mut self, bucket: u32) {
+        if self.count < self.buckets.len() && !self.buckets[..self.count].contains(&bucket) {
+            self.buckets[self.count] = bucket;
+            self.count += 1;
+        }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = usize> {
+        self.buckets[..self.count].iter().map(|bucket| *bucket as usize)
     }
 }
 
@@ -161,35 +208,50 @@ impl FocusedLight for CausticMap {
         let n = if wo.dot(n_geo) > 0.0 { n_geo } else { -n_geo };
         let wo_local = surface.frame.to_local(wo);
         let is_broad = surface.bsdf.has_broad_gloss();
+        // What most surfaces are: the same for light from everywhere.
+        let lambert = match surface.bsdf {
+            Bsdf::Lambert { albedo } => Some(albedo * FRAC_1_PI),
+            _ => None,
+        };
+        let mut on_lambert = Rgb::BLACK;
         let mut sum = FocusedScatter::default();
         for grid in &self.grids {
             grid.near(p, |photon| {
                 let away = p - photon.position;
                 let r2 = photon.radius_m * photon.radius_m;
-                if away.length_squared() >= r2 || u32::from(photon.scatterings) > scatterings_max {
+                if u32::from(photon.scatterings) > scatterings_max {
                     return;
                 }
-                let normal = octahedral::decode(photon.normal);
+                let normal = photon.normal;
                 let above = away.dot(normal);
                 let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
                 if d2 >= r2 || normal.dot(n) < FACING_COS {
                     return;
                 }
-                let wi = octahedral::decode(photon.direction);
-                let wi_local = surface.frame.to_local(wi);
-                let value = surface.bsdf.eval(wo_local, wi_local);
+                let wi = photon.direction;
                 let per_m2 = FRAC_2_PI / r2 * (1.0 - d2 / r2);
                 // Irradiance is flux on the surface as it is: the cosine of the shading normal comes for that of the true one.
-                let cos = wi.dot(normal).max(COS_RATIO_MIN * wi_local.z.abs());
+                let shading_cos = wi.dot(surface.frame.n);
+                let cos = wi.dot(normal).max(COS_RATIO_MIN * shading_cos.abs());
                 if !(cos > 0.0) {
                     return;
                 }
                 let irradiance = photon.flux_w * (per_m2 / cos);
+                if lambert.is_some() {
+                    if shading_cos * wo_local.z > 0.0 {
+                        on_lambert += irradiance * shading_cos.abs();
+                    }
+                    return;
+                }
+                let value = surface.bsdf.eval(wo_local, surface.frame.to_local(wi));
                 sum.diffuse += value.diffuse.f_cos * irradiance;
                 if is_broad {
                     sum.glossy += value.glossy.f_cos * irradiance;
                 }
             });
+        }
+        if let Some(per_irradiance) = lambert {
+            sum.diffuse = per_irradiance * on_lambert;
         }
         sum
     }

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton, pilot::Sheet};
 use crate::{
-    math::{octahedral, sobol},
+    math::sobol,
     transport::{Aim, EmissionNumbers, Flight, SourceName, Surface, World},
 };
 
@@ -132,8 +132,8 @@ impl CausticTracer<'_> {
                         position: surface.point.position,
                         radius_m: 0.0,
                         flux_w: flight.weight * (1.0 / kept),
-                        direction: octahedral::encode(towards_light),
-                        normal: octahedral::encode(faces),
+                        direction: towards_light,
+                        normal: faces,
                         sheet: Sheet::of(hit.instance, self.world.primitive_of(&hit), faces),
                         scatterings: bounce as u16,
                         is_on_back: towards_light.dot(surface.point.n_geo) < 0.0,

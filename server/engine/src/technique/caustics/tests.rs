@@ -321,8 +321,8 @@ fn degenerate_photons_make_finite_maps() {
         position: at + offset,
         radius_m: 0.0,
         flux_w: Rgb::splat(flux),
-        direction: crate::math::octahedral::encode(Vec3::NEG_Y),
-        normal: crate::math::octahedral::encode(Vec3::NEG_Y),
+        direction: Vec3::NEG_Y,
+        normal: Vec3::NEG_Y,
         sheet: Sheet::of(0, 0, Vec3::NEG_Y),
         scatterings: 1,
         is_on_back: false,
@@ -403,8 +403,7 @@ fn blurs_keep_flux_at_borders() {
     }
     let photons = photons_of_a_pass(&world, &settings(2_000_000));
     let on_plate = photons.iter().filter(|photon| {
-        crate::math::octahedral::decode(photon.normal).y < -0.9
-            && photon.position.y > world.accel().to_render(DVec3::Y * 3.8).y
+        photon.normal.y < -0.9 && photon.position.y > world.accel().to_render(DVec3::Y * 3.8).y
     });
     flux += 12.0 * on_plate.map(|photon| f64::from(photon.flux_w.g)).sum::<f64>();
     assert!((seen / flux - 1.0).abs() < 0.03, "{seen} W for {flux} W");
