@@ -7,10 +7,10 @@ use egui::{Key, Modifiers};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use lumicast_protocol::{
-    CameraDescription, ClientMessage, Counts, Edit, EnvironmentDescription, FrameHeader, Id,
-    LightDescription, LightSource, Limits, MaterialDescription, MaterialProperties, PayloadCodec,
-    PayloadKind, Problem, ProblemKind, Projection, SUBPROTOCOL, SceneDescription, SceneId, ServerHello,
-    ServerMessage, Stats, Technique, View, Warning,
+    CameraDescription, ClientMessage, Counts, Edit, EffectChoice, EffectChoices, EnvironmentDescription,
+    FrameHeader, Id, LightDescription, LightSource, Limits, MaterialDescription, MaterialProperties,
+    PayloadCodec, PayloadKind, Problem, ProblemKind, Projection, SUBPROTOCOL, SceneDescription, SceneId,
+    ServerHello, ServerMessage, Stats, Technique, View, Warning,
 };
 use lumicast_viewer::app::{App, Options};
 use lumicast_viewer::model::Selected;
@@ -55,12 +55,18 @@ impl Network for FakeServer {
         let (sender, receiver) = std::sync::mpsc::channel();
         let answer = match url {
             url if url.ends_with("/v1/scenes") => Ok(self.scenes.borrow().clone()),
+            url if url.ends_with("/effects") => Ok(EFFECTS.into()),
             _ => Err("not here".to_owned()),
         };
         sender.send(answer).unwrap();
         receiver
     }
 }
+
+const EFFECTS: &str = r#"{"revision": 1, "effects": [
+    {"effect": "glass", "on": false, "reason": "no placed material lets light through"},
+    {"effect": "caustics", "on": true, "reason": "photons are aimed at mirrors"},
+    {"effect": "indirect", "on": true, "reason": "surfaces can light each other"}]}"#;
 
 impl FakeServer {
     fn of_one_scene() -> Self {
@@ -505,6 +511,31 @@ fn exposure_target_and_search_do_what_they_say() {
     server.step(&mut window);
     window.get_by_label("lamp");
     assert!(window.query_by_label("white").is_none());
+}
+
+/// The effects say why they are on; those that can be chosen are chosen for this viewer.
+#[test]
+fn effects_explain_themselves_and_can_be_chosen() {
+    let server = FakeServer::of_one_scene();
+    let mut window = server.watched();
+    window.get_by_label("Effects").click();
+    server.step(&mut window);
+    window.get_by_label("no placed material lets light through");
+    let choices = || window.query_all_by_role(egui::accesskit::Role::ComboBox);
+    let chosen: Vec<_> =
+        choices().filter(|node| node.value().as_deref() == Some("As the scene needs")).collect();
+    assert_eq!(chosen.len(), 2, "caustics and indirect can be chosen, glass cannot");
+    chosen[0].click();
+    server.step(&mut window);
+    window.get_by_label("Never").click();
+    server.step(&mut window);
+    server.step(&mut window);
+    let said = server.said.borrow();
+    let last = said.iter().rev().find_map(|message| match message {
+        ClientMessage::Accuracy(accuracy) => Some(accuracy.effects),
+        _ => None,
+    });
+    assert_eq!(last, Some(EffectChoices { caustics: EffectChoice::Off, ..EffectChoices::default() }));
 }
 
 #[test]
