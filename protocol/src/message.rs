@@ -247,7 +247,7 @@ impl EffectChoices {
     }
 
     /// The choice of an effect by its name in [`crate::Effects`]; `None` for those that cannot be chosen.
-    pub fn of(&mut self, effect: &str) -> Option<&mut EffectChoice> {
+    pub fn choice_mut(&mut self, effect: &str) -> Option<&mut EffectChoice> {
         match effect {
             "caustics" => Some(&mut self.caustics),
             "indirect" => Some(&mut self.indirect),

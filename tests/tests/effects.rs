@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DVec3};
+use lumicast_engine::effects::{EffectChoice, EffectChoices};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::math::{Rgb, sobol};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
@@ -157,23 +158,22 @@ fn pictures_with_caustics_do_not_depend_on_cuts() {
 #[test]
 fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     let world = Arc::new(World::prepare(Arc::new(hidden_scene())));
-    let of = |indirect| RenderSettings {
-        indirect,
-        seed: 7,
-        learning: Learning::First,
-        ..RenderSettings::default()
-    };
-    let looked_up = mean(&picture(&world, SIDE, of(Indirect::Irradiance), 64).picture().radiance());
-    let chain = picture(&world, SIDE, of(Indirect::Auto), 1500);
-    let of_chain = chain.picture();
-    let found = mean(&of_chain.radiance());
-    assert!((found / looked_up - 1.0).abs() < 0.03, "{found} for {looked_up}");
-    // The measure of the error does not take it for one.
-    let error = chain.measured_error_of(&of_chain).expect("a measure").error();
-    assert!(error < 0.1, "{error}");
-    // What paths from the eye find by themselves is less.
-    let path = mean(&picture(&world, SIDE, of(Indirect::Path), 64).picture().radiance());
-    assert!(path < 0.8 * looked_up, "{path} of {looked_up}");
-    println!("{found} for {looked_up}, path {path}, error {error}, traced share {}", of_chain.traced_share());
-    assert!(of_chain.traced_share() > 0.05, "{}: nothing was path-traced", of_chain.traced_share());
+    let without = EffectChoices { caustics: EffectChoice::Off, ..EffectChoices::default() };
+    // Without its caustics as well: what surfaces send on of them is indirect light.
+    for effects in [EffectChoices::default(), without] {
+        let of = |indirect| RenderSettings { indirect, effects, seed: 7, ..RenderSettings::default() };
+        let looked_up = mean(&picture(&world, SIDE, of(Indirect::Irradiance), 64).picture().radiance());
+        let chain = picture(&world, SIDE, of(Indirect::Auto), 1500);
+        let of_chain = chain.picture();
+        let found = mean(&of_chain.radiance());
+        assert!((found / looked_up - 1.0).abs() < 0.03, "{effects:?}: {found} for {looked_up}");
+        // The measure of the error does not take it for one.
+        let error = chain.measured_error_of(&of_chain).expect("a measure").error();
+        assert!(error < 0.1, "{effects:?}: {error}");
+        // What paths from the eye find by themselves is less.
+        let path = mean(&picture(&world, SIDE, of(Indirect::Path), 64).picture().radiance());
+        assert!(path < 0.8 * looked_up, "{effects:?}: {path} of {looked_up}");
+        let share = of_chain.traced_share();
+        assert!(share > 0.05, "{effects:?}: {share}: nothing was path-traced");
+    }
 }

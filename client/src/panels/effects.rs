@@ -49,7 +49,7 @@ impl EffectsPanel {
                 ui.horizontal(|ui| {
                     ui.label(RichText::new(sign).small().color(colour));
                     ui.label(&effect.effect);
-                    if let Some(chosen) = accuracy.effects.of(&effect.effect) {
+                    if let Some(chosen) = accuracy.effects.choice_mut(&effect.effect) {
                         choice(ui, &effect.effect, chosen, &EffectChoice::ALL, choice_name)
                             .on_hover_text(CHOOSING);
                     }

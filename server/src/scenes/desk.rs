@@ -92,17 +92,13 @@ impl Desk {
         }
         let scene = Arc::new(applied.scene);
         let world = self.scene.workshop.building_pool.install(|| before.world.update(scene, &applied.change));
+        self.record(&batch, idempotency_key.zip(digest))?;
         let change = applied.change;
         self.inventory.follow(before.world.scene(), world.scene(), &change);
         let plan = Arc::new(self.inventory.plan());
         let snapshot = Snapshot { revision, light_revision, world: Arc::new(world), plan };
-        let after = snapshot.world.clone();
-        let answer = self.record_and_publish(snapshot, change.clone(), batch, idempotency_key.zip(digest));
-        if answer.is_err() {
-            // The scene stays as it was.
-            self.inventory.follow(after.scene(), before.world.scene(), &change);
-        }
-        answer
+        self.publish(snapshot, change, batch);
+        Ok(EditReply { revision })
     }
 
     /// The batch as it will be kept.
@@ -127,15 +123,10 @@ impl Desk {
         }
     }
 
-    fn record_and_publish(
-        &mut self,
-        snapshot: Snapshot,
-        change: SceneChange,
-        batch: Batch,
-        key: Option<(String, u64)>,
-    ) -> Result<EditReply, Problem> {
-        let revision = snapshot.revision;
-        if let (Some(store), Batch::ForDisk(encoded)) = (&mut self.store, &batch) {
+    /// Puts the batch on disk, where scenes are kept.
+    fn record(&mut self, batch: &Batch, key: Option<(String, u64)>) -> Result<(), Problem> {
+        let revision = batch.record().revision;
+        if let (Some(store), Batch::ForDisk(encoded)) = (&mut self.store, batch) {
             store.append(encoded).map_err(|error| {
                 tracing::error!(scene = %self.scene.id, %error, "an edit could not be kept");
                 Problem::new(ProblemKind::Unavailable, format!("the edit could not be put on disk: {error}"))
@@ -144,6 +135,12 @@ impl Desk {
         if let Some((key, digest)) = key {
             self.keys.insert(key, digest, revision);
         }
+        Ok(())
+    }
+
+    /// Lets everybody see what was recorded.
+    fn publish(&self, snapshot: Snapshot, change: SceneChange, batch: Batch) {
+        let revision = snapshot.revision;
         let bytes = batch.len_bytes();
         let Record { seconds_since_epoch, edits, .. } = batch.into_record();
         let entry = Arc::new(EventEntry { revision, seconds_since_epoch, edits });
@@ -158,7 +155,6 @@ impl Desk {
         // Without listeners the event goes nowhere, as it should.
         let _ = self.scene.events.send(entry);
         self.scene.tell_painter(News::Urgent);
-        Ok(EditReply { revision })
     }
 
     /// Folds a long log into a new base, if the scene comes back from its file as it went in.

@@ -43,7 +43,7 @@ impl EffectChoices {
     pub const KINDS: [EffectKind; 2] = [EffectKind::Caustics, EffectKind::Indirect];
 
     /// What is chosen of an effect; `None` for those that cannot be.
-    pub fn of(&mut self, kind: EffectKind) -> Option<&mut EffectChoice> {
+    pub fn choice_mut(&mut self, kind: EffectKind) -> Option<&mut EffectChoice> {
         match kind {
             EffectKind::Caustics => Some(&mut self.caustics),
             EffectKind::Indirect => Some(&mut self.indirect),
@@ -63,7 +63,7 @@ impl EffectPlan {
     /// The plan with what was chosen in its place, and the reasons of either.
     pub fn chosen(mut self, mut choices: EffectChoices) -> EffectPlan {
         for Effect { kind, is_on, reason } in &mut self.effects {
-            match choices.of(*kind) {
+            match choices.choice_mut(*kind) {
                 Some(EffectChoice::On) if !*is_on => {
                     (*is_on, *reason) = (true, format!("chosen, though {reason}"))
                 }

@@ -154,7 +154,7 @@ fn choices_win_over_the_plan() {
     for kind in EffectChoices::KINDS {
         for choice in [EffectChoice::Plan, EffectChoice::On, EffectChoice::Off] {
             let mut choices = EffectChoices::default();
-            *choices.of(kind).unwrap() = choice;
+            *choices.choice_mut(kind).unwrap() = choice;
             let chosen = plan.clone().chosen(choices);
             for (before, after) in plan.effects.iter().zip(&chosen.effects) {
                 let expected = match choice {
@@ -182,41 +182,51 @@ fn a_plan_that_follows_edits_is_that_of_the_scene() {
     let mut scene = lit_scene(&materials);
     let mut inventory = Inventory::of(&scene);
     let mut plans = std::collections::BTreeSet::new();
-    for number in 0..400u32 {
-        let [what, which, other, _] = crate::math::sobol::point(7, number);
-        let id = |name: &str| Id::sanitised(name, name);
-        let pick = |count: usize, at: f32| (at * count as f32) as usize;
+    for batch in 0..150u32 {
         let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
-        let (node, mesh) = (id(&format!("n{}", pick(6, which))), id(&format!("q{}", pick(5, other))));
-        // Some of these are refused: then nothing changes.
-        let _ = match pick(6, what) {
-            0 => builder.remove_node(node.as_str()),
-            1 => builder.add_node(
-                node,
-                Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(mesh) },
-            ),
-            2 => builder.remove_node(mesh.as_str()),
-            3 => builder.set_material(id(&format!("m{}", pick(5, which))), materials[pick(5, other)].clone()),
-            4 => builder.add_light(
-                id("l"),
-                Light {
-                    parent: None,
-                    position: DVec3::ZERO,
-                    direction: DVec3::NEG_Z,
-                    kind: LightKind::Point { intensity: if which < 0.5 { Rgb::BLACK } else { Rgb::WHITE } },
-                },
-            ),
-            _ if which < 0.5 => builder.remove_light("l"),
-            _ => builder.set_environment(if other < 0.5 {
-                Environment::None
-            } else {
-                Environment::Constant(Rgb::WHITE)
-            }),
-        };
+        for edit in 0..1 + batch % 4 {
+            let [what, which, other, _] =
+                crate::math::sobol::point(crate::math::sobol::mix(u64::from(batch * 4 + edit)), 0);
+            let id = |name: &str| Id::sanitised(name, name);
+            let pick = |count: usize, at: f32| (at * count as f32) as usize;
+            let (node, mesh) = (id(&format!("n{}", pick(6, which))), id(&format!("q{}", pick(5, other))));
+            // Some of these are refused: then nothing changes.
+            let _ = match pick(6, what) {
+                0 => builder.remove_node(node.as_str()),
+                1 => builder.add_node(
+                    node,
+                    Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(mesh) },
+                ),
+                2 => builder.remove_node(mesh.as_str()),
+                3 => builder
+                    .set_material(id(&format!("m{}", pick(5, which))), materials[pick(5, other)].clone()),
+                4 => builder.add_light(
+                    id("l"),
+                    Light {
+                        parent: None,
+                        position: DVec3::ZERO,
+                        direction: DVec3::NEG_Z,
+                        kind: LightKind::Point {
+                            intensity: if which < 0.5 { Rgb::BLACK } else { Rgb::WHITE },
+                        },
+                    },
+                ),
+                _ if which < 0.5 => builder.remove_light("l"),
+                _ => builder.set_environment(if other < 0.5 {
+                    Environment::None
+                } else {
+                    Environment::Constant(Rgb::WHITE)
+                }),
+            };
+        }
         let (next, change) = builder.finish();
         inventory.follow(&scene, &next, &change);
+        // There, back, and there again.
+        inventory.follow(&next, &scene, &change);
+        assert_eq!(inventory.plan(), EffectPlan::of(&scene), "before batch {batch}");
+        inventory.follow(&scene, &next, &change);
         scene = next;
-        assert_eq!(inventory.plan(), EffectPlan::of(&scene), "after edit {number}");
+        assert_eq!(inventory.plan(), EffectPlan::of(&scene), "after batch {batch}");
         plans.insert(on(&scene));
     }
     assert!(plans.len() > 8, "{} plans", plans.len());

@@ -27,7 +27,7 @@ use crate::{
         caustics::{CausticReport, CausticSettings, Caustics},
         path::{PathSettings, PathTracer},
     },
-    transport::{PathClass, PathClasses, World},
+    transport::{PathClass, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
@@ -196,7 +196,9 @@ impl Rendering {
         let is_focused = settings.looks_up() && reaches_further && runs;
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
         let caustics = is_focused.then(|| Caustics::new(of));
-        let hidden = |what_for| HiddenLight::of(plan, &settings, size, what_for).filter(|_| is_focused);
+        // Also where caustics are turned off: what surfaces send on of them is indirect light.
+        let hides = settings.looks_up() && reaches_further && plan.is_on(EffectKind::Caustics);
+        let hidden = |what_for| HiddenLight::of(plan, &settings, size, what_for).filter(|_| hides);
         // What is sampled alone says by its two halves how far off it is.
         let is_gauged = learnt.is_some() || is_focused;
         let measured = is_gauged.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
@@ -494,12 +496,16 @@ impl Rendering {
 
     /// Name of what a picture that [`Rendering::picture`] returned is made by.
     pub fn technique_name(&self, picture: &Picture<'_>) -> &'static str {
-        let looked_up = self.technique.card().name;
+        let looked_up = match &self.caustics {
+            Some(_) if self.learnt.is_none() => "caustics",
+            _ => self.technique.card().name,
+        };
         match (picture.traced_share(), looked_up) {
             (share, _) if share < SHARE_SHOWN => looked_up,
             (share, _) if share > 1.0 - SHARE_SHOWN => "path",
             (_, "octree") => "octree+path",
             (_, "irradiance") => "irradiance+path",
+            (_, "caustics") => "caustics+path",
             (_, _) => "path",
         }
     }
@@ -563,7 +569,7 @@ fn tracer(
     };
     match known.filter(|_| learnt.is_some()) {
         Some(known) => PathTracer::with_secondary(path, known),
-        None if asks => PathTracer::new(PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..path }),
+        None if asks => PathTracer::new(path.asking()),
         None => PathTracer::new(path),
     }
 }

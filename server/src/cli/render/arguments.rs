@@ -103,7 +103,7 @@ fn parse_effects(list: &str) -> Result<EffectChoices, String> {
     for item in list.split(',').filter(|item| !item.trim().is_empty()) {
         let (name, choice) = item.split_once('=').ok_or_else(|| format!("{item:?}: write caustics=off"))?;
         let kind = EffectChoices::KINDS.into_iter().find(|kind| kind.name() == name.trim());
-        let place = kind.and_then(|kind| choices.of(kind));
+        let place = kind.and_then(|kind| choices.choice_mut(kind));
         *place.ok_or_else(|| {
             format!(
                 "{name:?}: caustics and indirect can be chosen; the others come with materials and lights"

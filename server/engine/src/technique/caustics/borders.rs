@@ -3,25 +3,26 @@
 //! Of a disc that hangs over an edge, or reaches under what stands on the floor, only the share f lies where it is looked at,
 //! and f of the flux would be seen. Points of the disc are drawn, as dense as the blur is strong, until one lies on a surface
 //! in the open: that takes 1/f tries on average, and this is what the photon's flux is multiplied by. Within a plane the first
-//! try always succeeds: this costs a short ray a photon.
+//! try always succeeds: this costs two short rays a photon.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
+    Sheet,
     map::{CausticPhoton, FLATNESS},
     photons,
 };
 use crate::{
-    accel::Ray,
+    accel::{Hit, Ray},
     math::{Frame, sobol},
     technique::FACING_COS,
     transport::World,
 };
 
-/// Tries at most: what lies on a sliver of a surface in a blur a hundred times as large stays too dark, and no photon is
-/// ever multiplied by more.
-const TRIES_END: u32 = 64;
+/// Tries at most: what lies on a sliver of a surface in a blur many times as large stays too dark, and no photon is ever
+/// multiplied by more.
+const TRIES_END: u32 = 32;
 /// Of the height that is free over a photon, the share from where its disc is looked at.
 const FREE_SHARE: f32 = 0.5;
 /// Surfaces that face other ways within a blur's height, at most.
@@ -30,85 +31,74 @@ const CROSSED_END: u32 = 4;
 /// Multiplies the flux of photons, whose radii are known, by what makes up for the parts of their blurs that lie on nothing.
 /// Returns how many rays that took.
 ///
+/// - `first`: number of the first of them in its pass
 /// - `key`: names the random numbers, other ones for every pass
-pub(super) fn correct(world: &World, photons: &mut [CausticPhoton], key: u64) -> u64 {
+pub(super) fn correct(world: &World, photons: &mut [CausticPhoton], first: usize, key: u64) -> u64 {
     let key = sobol::mix(key);
-    let correct = |(number, photon): (usize, &mut CausticPhoton)| {
-        let mut blur = Blur::of(photon);
-        let key = sobol::mix(key ^ number as u64);
-        let is_found = |blur: &Blur, number: u32| blur.finds(world, sobol::point(key, number));
-        if is_found(&blur, 0) {
-            return 1;
+    let correct = |(place, photon): (usize, &mut CausticPhoton)| {
+        let key = sobol::mix(key ^ (first + place) as u64);
+        let mut blur = Blur::over(world, photon);
+        // Independent of each other: of evenly spread ones fewer would do on average than 1/f.
+        let numbers = |number: u32| sobol::point(sobol::mix(key ^ u64::from(number)), 0);
+        // A photon of which nothing is found lies on what is thinner than rounding: it stays as it is.
+        if let Some(failed) = (0..TRIES_END).find(|number| blur.finds(numbers(*number))) {
+            photon.flux_w *= (failed + 1) as f32;
         }
-        // What hangs low over the photon would hide its own surface: looked at from below that, it is as if nothing was tried.
-        let first = u32::from(!blur.lower(world));
-        let Some(last) = (1..TRIES_END).find(|number| is_found(&blur, *number)) else {
-            // Of which nothing is found lies on what is thinner than rounding: it stays as it is.
-            return u64::from(TRIES_END) + 1;
-        };
-        photon.flux_w *= (last + first) as f32;
-        u64::from(last) + 2
+        blur.rays
     };
     photons.par_iter_mut().enumerate().map(correct).sum()
 }
 
 /// The disc of a photon, looked at from some height.
-struct Blur {
-    centre: Vec3,
+struct Blur<'a> {
+    world: &'a World,
+    photon: CausticPhoton,
     frame: Frame,
-    radius_m: f32,
-    /// Of the photon's own surface it is the back: most likely of all that are seen.
-    is_on_back: bool,
     /// In shares of the height where the blur ends.
     height: f32,
+    rays: u64,
 }
 
-impl Blur {
-    fn of(photon: &CausticPhoton) -> Blur {
-        Blur {
-            centre: photon.position,
-            frame: Frame::around(photon.normal),
-            radius_m: photon.radius_m,
-            is_on_back: photon.is_on_back,
-            height: 1.0,
-        }
-    }
-
-    /// Looks from below what is above the photon; false where nothing is.
-    fn lower(&mut self, world: &World) -> bool {
-        let end_m = self.radius_m / FLATNESS;
+impl Blur<'_> {
+    /// What hangs low over the photon would hide its own surface: it is looked at from below that.
+    fn over<'a>(world: &'a World, photon: &CausticPhoton) -> Blur<'a> {
+        let frame = Frame::around(photon.normal);
+        let end_m = photon.radius_m / FLATNESS;
         // From a little above, not to meet the surface itself.
         let lift_m = end_m / 64.0;
-        let up = Ray { t_max: end_m, ..Ray::new(self.centre + self.frame.n * lift_m, self.frame.n) };
-        let Some(hit) = world.closest_hit(&up) else { return false };
-        self.height = FREE_SHARE * (lift_m + hit.t) / end_m;
-        true
+        let up = Ray { t_max: end_m, ..Ray::new(photon.position + frame.n * lift_m, frame.n) };
+        let above = world.closest_hit(&up);
+        let height = above.map_or(1.0, |hit| FREE_SHARE * (lift_m + hit.t) / end_m);
+        Blur { world, photon: *photon, frame, height, rays: 1 }
+    }
+
+    fn closest_hit(&mut self, ray: &Ray) -> Option<Hit> {
+        self.rays += 1;
+        self.world.closest_hit(ray)
     }
 
     /// Whether a random point of it lies where light falls. Heights count as they do at look-ups.
-    fn finds(&self, world: &World, [share, turn, strength, _]: [f32; 4]) -> bool {
+    fn finds(&mut self, [share, turn, strength, _]: [f32; 4]) -> bool {
+        let CausticPhoton { position: centre, radius_m, .. } = self.photon;
         // 1 − d²/r² at the point.
         let kernel = (1.0 - share).sqrt();
         let (sin, cos) = (std::f32::consts::TAU * turn).sin_cos();
-        let away =
-            (self.frame.t * cos + self.frame.b * sin) * (self.radius_m * (1.0 - kernel).max(0.0).sqrt());
+        let away = (self.frame.t * cos + self.frame.b * sin) * (radius_m * (1.0 - kernel).max(0.0).sqrt());
         // Lower than as far below, the blur ends.
-        let end_m = self.radius_m * kernel.sqrt() / FLATNESS;
+        let end_m = radius_m * kernel.sqrt() / FLATNESS;
         let height_m = self.height * end_m;
         let down = -self.frame.n;
-        let mut ray = Ray { t_max: height_m + end_m, ..Ray::new(self.centre + away - down * height_m, down) };
+        let start = centre + away - down * height_m;
+        let mut ray = Ray { t_max: height_m + end_m, ..Ray::new(start, down) };
         for _ in 0..CROSSED_END {
-            let Some(hit) = world.closest_hit(&ray) else { return false };
-            let surface = world.surface(&hit, down);
+            let Some(hit) = self.closest_hit(&ray) else { return false };
+            let surface = self.world.surface(&hit, down);
             let cos = -down.dot(surface.point.n_geo);
-            // From below or inside: what lies further on, under a foot or in a wall, nobody sees.
-            if (cos < 0.0) != self.is_on_back {
-                return false;
-            }
             if cos.abs() >= FACING_COS {
-                let above =
-                    (surface.point.position - self.centre).dot(self.frame.n) * FLATNESS / self.radius_m;
-                return strength * kernel < kernel - above * above && photons::is_shown_on(&surface);
+                let above = (surface.point.position - centre).dot(self.frame.n) * FLATNESS / radius_m;
+                return strength * kernel < kernel - above * above
+                    && photons::is_shown_on(&surface)
+                    && self.is_in_the_open(&hit, cos, start);
             }
             let left_m = ray.t_max - hit.t;
             if !(left_m > 0.0) {
@@ -117,5 +107,20 @@ impl Blur {
             ray = Ray { t_max: left_m, ..surface.point.ray_towards(down) };
         }
         false
+    }
+
+    /// Met on the other side than the photon's own surface, it may be the bottom of what stands there, seen from inside. It is
+    /// not where the way from over the photon is free, and where both belong together whatever way their triangles turn.
+    fn is_in_the_open(&mut self, hit: &Hit, cos: f32, start: Vec3) -> bool {
+        let primitive = self.world.primitive_of(hit);
+        if (cos < 0.0) == self.photon.is_on_back
+            || Sheet::of(hit.instance, primitive, self.frame.n) == self.photon.sheet
+        {
+            return true;
+        }
+        let height_m = self.height * self.photon.radius_m / FLATNESS;
+        let from = self.photon.position + self.frame.n * height_m;
+        let way = Ray { t_max: 1.0, ..Ray::new(from, start - from) };
+        self.closest_hit(&way).is_none()
     }
 }

@@ -22,7 +22,7 @@ pub(super) const FLATNESS: f32 = 2.5;
 /// everything.
 const COS_RATIO_MIN: f32 = 0.02;
 
-/// A photon where it fell on a diffuse surface.
+/// A photon where it fell on a diffuse surface or a broad gloss.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CausticPhoton {
     /// Where, in render space.
@@ -111,17 +111,17 @@ impl Grid {
         };
         // Photons of one cell lie together: they are asked for together.
         photons.sort_by_cached_key(|photon| grid.bucket(grid.cell(photon.position)));
-        let buckets: Vec<Buckets> = photons.iter().map(|photon| grid.reached_by(photon)).collect();
-        for bucket in buckets.iter().flat_map(Buckets::iter) {
-            grid.starts[bucket + 1] += 1;
+        for photon in &photons {
+            let reached = grid.reached_by(photon);
+            reached.iter().for_each(|bucket| grid.starts[bucket + 1] += 1);
         }
         for bucket in 0..count {
             grid.starts[bucket + 1] += grid.starts[bucket];
         }
         let mut next = grid.starts.clone();
         grid.entries = vec![0; next[count] as usize];
-        for (number, buckets) in buckets.iter().enumerate() {
-            for bucket in buckets.iter() {
+        for (number, photon) in photons.iter().enumerate() {
+            for bucket in grid.reached_by(photon).iter() {
                 grid.entries[next[bucket] as usize] = number as u32;
                 next[bucket] += 1;
             }
@@ -154,6 +154,8 @@ impl Grid {
         let along = |n: f32| photon.radius_m * (1.0 - n * n * flat).max(0.0).sqrt();
         let extent = Vec3::new(along(normal.x), along(normal.y), along(normal.z));
         let [low, high] = [photon.position - extent, photon.position + extent].map(|p| self.cell(p));
+        // No more for rounding: two radii lie in three cells of one.
+        let high = high.min(low.saturating_add(IVec3::splat(2)));
         let mut buckets = Buckets::default();
         for x in low.x..=high.x {
             for y in low.y..=high.y {
@@ -180,17 +182,16 @@ impl Grid {
     }
 }
 
-/// Some buckets, each once: as many as there are cells of the width of a radius within two of them, three each way, and one for
-/// rounding.
+/// Some buckets, each once: of as many cells as a blur can reach.
 #[derive(Clone, Copy, Default)]
 struct Buckets {
     count: usize,
-    buckets: [u32; 32],
+    buckets: [u32; 27],
 }
 
 impl Buckets {
     fn add(&mut self, bucket: u32) {
-        if self.count < self.buckets.len() && !self.buckets[..self.count].contains(&bucket) {
+        if !self.buckets[..self.count].contains(&bucket) {
             self.buckets[self.count] = bucket;
             self.count += 1;
         }

@@ -9,7 +9,7 @@
 //! Photons carry as much flux each as if all lights had sent them out blindly: what this costs is in proportion to the share
 //! of the light that falls on mirrors and glass. Where there are none it costs nothing.
 //!
-//! **Consistent**: blurs in every finite picture, also over borders. It sees light of point, spot and directional lights
+//! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of point, spot and directional lights
 //! by way of mirrors and clear glass, which no path from the eye can find; and can be asked for that alone. What such light
 //! shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
@@ -87,7 +87,7 @@ const PHOTONS_PER_PIXEL: u32 = 2;
 /// Pixels for every photon of a pass, at least: following photons takes less time than following the eye's paths. Twice or
 /// half as many made no difference to the error after ten seconds.
 const PIXELS_PER_PHOTON: u32 = 4;
-/// Photons of a pass at most in the smallest pictures, and in the largest. A photon takes some 60 bytes wherever it falls on a
+/// Photons of a pass at most in the smallest pictures, and in the largest. A photon takes some 120 bytes wherever it falls on a
 /// surface that shows it: on one or two for most, on 17 in the mean where no light is lost at all (`photons.rs`).
 const PHOTONS_LEAST: u32 = 1 << 12;
 const PHOTONS_END: u32 = 1 << 18;
@@ -114,7 +114,8 @@ pub struct Caustics {
     /// What photons start from; `None` before the first step.
     emission: Option<Emission>,
     /// Photons that say how far others are blurred, as long as they are few, and what they say.
-    collected: Vec<CausticPhoton>,
+    /// `None` once they are enough.
+    collected: Option<Vec<CausticPhoton>>,
     pilot: Option<Arc<Pilot>>,
     /// The pass that is being made, or was made last.
     pass: Option<Pass>,
@@ -128,7 +129,9 @@ struct Pass {
     /// What is left to be followed, last first.
     jobs: Vec<Job>,
     photons: Vec<CausticPhoton>,
-    /// Once all were followed.
+    /// Once all were followed and their radii are known: of how many borders were made up for.
+    corrected: Option<usize>,
+    /// Once that is done.
     map: Option<Arc<CausticMap>>,
 }
 
@@ -185,7 +188,7 @@ impl std::ops::Add for CausticReport {
 impl Caustics {
     /// No map yet.
     pub fn new(settings: CausticSettings) -> Caustics {
-        let (collected, report) = (Vec::new(), CausticReport::default());
+        let (collected, report) = (Some(Vec::new()), CausticReport::default());
         Caustics { settings, emission: None, collected, pilot: None, pass: None, report }
     }
 
@@ -213,7 +216,9 @@ impl Caustics {
         let is_begun = self.pass.as_ref().is_some_and(|pass| pass.number == number);
         let mut pass = match self.pass.take().filter(|_| is_begun) {
             Some(pass) => pass,
-            None => Pass { number, jobs: emission.jobs(number), photons: Vec::new(), map: None },
+            None => {
+                Pass { number, jobs: emission.jobs(number), photons: Vec::new(), corrected: None, map: None }
+            }
         };
         let tracer = CausticTracer { world, aim: &emission.aim, settings: &self.settings };
         let mut counts = Counts::default();
@@ -223,31 +228,55 @@ impl Caustics {
             counts.rays += traced.rays;
             self.report.photons_emitted += traced.photons;
         }
-        let is_complete = pass.jobs.is_empty();
-        if is_complete {
-            counts.rays += self.finish(world, &mut pass);
+        if pass.jobs.is_empty() {
+            counts.rays += self.finish(world, &mut pass, cancel);
         }
+        let is_complete = pass.jobs.is_empty() && pass.photons.is_empty();
         self.pass = Some(pass);
         self.report.seconds += start.elapsed().as_secs_f64();
         Progress { counts, complete: is_complete }
     }
 
-    /// Makes a map of what was followed. Returns how many rays that took.
-    fn finish(&mut self, world: &World, pass: &mut Pass) -> u64 {
-        let mut photons = std::mem::take(&mut pass.photons);
-        self.report.photons_stored += photons.len() as u64;
-        if self.collected.len() < PILOT_PHOTONS {
-            self.collected.extend_from_slice(&photons);
-            let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m());
-            self.pilot = Some(Arc::new(Pilot::of(&self.collected, least_m)));
+    /// Makes a map of what was followed; goes on where it was cut short. Returns how many rays that took.
+    fn finish(&mut self, world: &World, pass: &mut Pass, cancel: &AtomicBool) -> u64 {
+        let mut corrected = match pass.corrected {
+            Some(corrected) => corrected,
+            None => {
+                self.report.photons_stored += pass.photons.len() as u64;
+                self.learn_radii(&pass.photons);
+                if let Some(pilot) = &self.pilot {
+                    pilot.blur(&mut pass.photons, shrinking(pass.number) as f32);
+                }
+                0
+            }
+        };
+        let key = self.settings.seed ^ u64::from(pass.number) << 32;
+        let mut rays = 0;
+        while corrected < pass.photons.len() && !cancel.load(Ordering::Relaxed) {
+            let end = pass.photons.len().min(corrected + BATCH as usize);
+            rays += borders::correct(world, &mut pass.photons[corrected..end], corrected, key);
+            corrected = end;
         }
-        let Some(pilot) = &self.pilot else { return 0 };
-        pilot.blur(&mut photons, shrinking(pass.number) as f32);
-        let rays = borders::correct(world, &mut photons, self.settings.seed ^ u64::from(pass.number) << 32);
-        let map = CausticMap::of(photons);
-        self.report.bytes = map.bytes() + pilot.bytes() + self.collected.len() * size_of::<CausticPhoton>();
-        pass.map = Some(Arc::new(map));
+        pass.corrected = Some(corrected);
+        if corrected == pass.photons.len() {
+            let map = CausticMap::of(std::mem::take(&mut pass.photons));
+            let collected = self.collected.as_ref().map_or(0, Vec::len) * size_of::<CausticPhoton>();
+            self.report.bytes =
+                map.bytes() + self.pilot.as_ref().map_or(0, |pilot| pilot.bytes()) + collected;
+            pass.map = Some(Arc::new(map));
+        }
         rays
+    }
+
+    /// Photons of the first passes say how far all are blurred, as many of them as that takes.
+    fn learn_radii(&mut self, photons: &[CausticPhoton]) {
+        let Some(collected) = &mut self.collected else { return };
+        collected.extend_from_slice(photons);
+        let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m());
+        self.pilot = Some(Arc::new(Pilot::of(collected, least_m)));
+        if collected.len() >= PILOT_PHOTONS {
+            self.collected = None;
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-use super::map::{CausticPhoton, FLATNESS};
+use super::CausticPhoton;
 use crate::math::sobol;
 
 /// Photons of the first pass that lie within the first radius of one of them.
@@ -41,13 +41,6 @@ impl Sheet {
     fn way(self) -> usize {
         (self.0 & 7) as usize
     }
-
-    /// Where a photon lies for the others: distances along what they face count as they do in a blur.
-    fn place(self, position: Vec3) -> [f32; 3] {
-        let mut place = position.to_array();
-        place[self.way() / 2] *= FLATNESS;
-        place
-    }
 }
 
 /// How close photons lay in the first pass: says how far those of all passes are blurred, so that blurs do not depend on
@@ -56,8 +49,8 @@ impl Sheet {
 pub(super) struct Pilot {
     /// Of sheets with enough photons.
     of_sheets: BTreeMap<Sheet, Crowds>,
-    /// Of all others, by the way they face.
-    of_rest: [Option<Crowds>; WAYS],
+    /// Of all photons by the way they face, for the other sheets.
+    of_ways: [Option<Crowds>; WAYS],
     radius_max_m: f32,
 }
 
@@ -88,26 +81,29 @@ impl Pilot {
         let share = even.clamp(RADIUS_MAX[0], RADIUS_MAX[1]);
         let radius_max_m = extent_m(photons).max(least_m) * share;
         let radius_max_m = if radius_max_m.is_finite() { radius_max_m } else { 0.0 };
-        let mut places: BTreeMap<Sheet, Vec<Placed>> = BTreeMap::new();
+        let mut by_sheet: BTreeMap<Sheet, Vec<Placed>> = BTreeMap::new();
         for photon in photons.iter().filter(|_| radius_max_m > 0.0) {
-            places
-                .entry(photon.sheet)
-                .or_default()
-                .push((photon.sheet.place(photon.position), photon.flux_w.luminance()));
+            let placed = (photon.position.to_array(), photon.flux_w.luminance());
+            by_sheet.entry(photon.sheet).or_default().push(placed);
         }
-        let mut all: [Vec<Placed>; WAYS] = Default::default();
-        let mut rest: [Vec<Placed>; WAYS] = Default::default();
         let mut of_sheets = BTreeMap::new();
-        for (sheet, places) in places {
-            all[sheet.way()].extend(&places);
-            if places.len() < NEIGHBOURS.get() {
-                rest[sheet.way()].extend(&places);
-            } else if let Some(crowds) = Crowds::at(&places, None, radius_max_m) {
+        // Those of sheets with too few photons last: only they look for neighbours on others.
+        let mut of_ways: [Vec<Placed>; WAYS] = Default::default();
+        let mut known: [Vec<Crowd>; WAYS] = Default::default();
+        let (few, many): (Vec<_>, Vec<_>) =
+            by_sheet.into_iter().partition(|(_, placed)| placed.len() < NEIGHBOURS.get());
+        for (sheet, placed) in many {
+            if let Some(crowds) = Crowds::of(&placed, Vec::new(), radius_max_m) {
+                of_ways[sheet.way()].extend(placed);
+                known[sheet.way()].extend(&crowds.crowds);
                 of_sheets.insert(sheet, crowds);
             }
         }
-        let of_rest = std::array::from_fn(|way| Crowds::at(&rest[way], Some(&all[way]), radius_max_m));
-        Pilot { of_sheets, of_rest, radius_max_m }
+        few.into_iter().for_each(|(sheet, placed)| of_ways[sheet.way()].extend(placed));
+        let of_ways = std::array::from_fn(|way| {
+            Crowds::of(&of_ways[way], std::mem::take(&mut known[way]), radius_max_m)
+        });
+        Pilot { of_sheets, of_ways, radius_max_m }
     }
 
     /// Says of photons how far they are blurred.
@@ -119,10 +115,10 @@ impl Pilot {
 
     /// How far a photon is blurred in the first pass.
     fn radius_m(&self, photon: &CausticPhoton) -> f32 {
-        let known = self.of_sheets.get(&photon.sheet).or(self.of_rest[photon.sheet.way()].as_ref());
+        let known = self.of_sheets.get(&photon.sheet).or(self.of_ways[photon.sheet.way()].as_ref());
         let Some(Crowds { tree, crowds }) = known else { return self.radius_max_m };
-        let place = photon.sheet.place(photon.position);
-        let nearest = tree.query(&place).nearest_one::<SquaredEuclidean<f32>>().execute();
+        let nearest =
+            tree.query(&photon.position.to_array()).nearest_one::<SquaredEuclidean<f32>>().execute();
         let crowd = crowds[nearest.item as usize];
         // Further away than that photon's own neighbours nothing says that as many fall here; and one that carries as much as
         // several of those around would stand out among them.
@@ -133,36 +129,32 @@ impl Pilot {
 
     /// Memory: a radius for each photon, and a position and a number in kiddo's tree.
     pub(super) fn bytes(&self) -> usize {
-        let known = self.of_sheets.values().chain(self.of_rest.iter().flatten());
+        let known = self.of_sheets.values().chain(self.of_ways.iter().flatten());
         known.map(|known| known.crowds.len() * (size_of::<Crowd>() + 16)).sum()
     }
 }
 
 impl Crowds {
-    /// Of photons at some places, each as far as the last of its neighbours: among each other, or among `others`. `None`
-    /// without any.
-    fn at(photons: &[Placed], others: Option<&[Placed]>, radius_max_m: f32) -> Option<Crowds> {
-        let tree_of = |photons: &[Placed]| -> Option<ImmutableKdTree<f32, 3>> {
-            let places: Vec<[f32; 3]> = photons.iter().map(|(place, _)| *place).collect();
-            // Only more photons than u32 can count are refused, and none at all.
-            NonZeroUsize::new(places.len()).and_then(|_| ImmutableKdTree::new_from_slice(&places).ok())
-        };
-        let tree = tree_of(photons)?;
-        let of_others = others.map(tree_of);
-        let near = of_others.as_ref().map_or(Some(&tree), Option::as_ref)?;
-        let others = others.unwrap_or(photons);
+    /// Of photons of which the crowds of the first ones are known. `None` without any.
+    fn of(placed: &[Placed], mut known: Vec<Crowd>, radius_max_m: f32) -> Option<Crowds> {
+        let places: Vec<[f32; 3]> = placed.iter().map(|(place, _)| *place).collect();
+        NonZeroUsize::new(places.len())?;
+        // Only more photons than u32 can count are refused, and none at all.
+        let tree: ImmutableKdTree<f32, 3> = ImmutableKdTree::new_from_slice(&places).ok()?;
         let crowd_of = |(place, flux_w): &Placed| {
             // Where there are not so many in all, nothing says how close they lie.
-            if others.len() < NEIGHBOURS.get() {
+            if placed.len() < NEIGHBOURS.get() {
                 return Crowd { radius_m: radius_max_m, flux_w: *flux_w };
             }
-            let nearest = near.query(place).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
+            let nearest = tree.query(place).nearest_n::<SquaredEuclidean<f32>>(NEIGHBOURS).execute();
             let farthest = nearest.iter().map(|near| near.distance).fold(0.0, f32::max);
-            let flux_w: f32 = nearest.iter().map(|near| others[near.item as usize].1).sum();
+            let flux_w: f32 = nearest.iter().map(|near| placed[near.item as usize].1).sum();
             let radius_m = farthest.sqrt().clamp(radius_max_m * RADIUS_RANGE, radius_max_m);
             Crowd { radius_m, flux_w: flux_w / NEIGHBOURS.get() as f32 }
         };
-        Some(Crowds { crowds: photons.par_iter().map(crowd_of).collect(), tree })
+        let rest: Vec<Crowd> = placed[known.len()..].par_iter().map(crowd_of).collect();
+        known.extend(rest);
+        Some(Crowds { crowds: known, tree })
     }
 }
 

@@ -318,13 +318,15 @@ impl Tracer<'_> {
     /// a broad gloss. True if that gloss has all of it: what is gathered by way of further mirrors would be part of it.
     fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
         let Some(caustics) = self.caustics.filter(|_| !path.is_beyond_near()) else { return false };
-        let is_broad = surface.bsdf.has_broad_gloss() && path.since_gathered == 0;
+        // A gloss shows the light of lamps in mirrors, which goes with the caustics.
+        let is_shown = self.settings.shown.contains(PathClass::Caustic);
+        let is_broad = is_shown && surface.bsdf.has_broad_gloss() && path.since_gathered == 0;
         let is_diffuse = surface.bsdf.has_diffuse();
         if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
             return false;
         }
         // What is looked up is bounded by itself, whatever lies between the surface and the eye.
-        let scatterings_max = match self.settings.bounces_max.filter(|_| !self.settings.asks()) {
+        let scatterings_max = match self.settings.bounces_max.filter(|_| !self.settings.asks) {
             Some(bounces) => bounces - path.bounce - 1,
             None => u32::MAX,
         };
@@ -344,7 +346,7 @@ impl Tracer<'_> {
 
     /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
     fn has_gathered(&self, path: &Path<'_>, scatterings: u32) -> bool {
-        self.settings.asks() && path.since_gathered >= scatterings
+        self.settings.asks && path.since_gathered >= scatterings
     }
 
     /// Draws where the path goes on. False when it ends here.

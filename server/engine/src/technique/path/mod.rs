@@ -51,9 +51,11 @@ const NEAR_BLURS: f32 = 2.0;
 pub struct PathSettings {
     /// Paths that are shown.
     pub shown: PathClasses,
-    /// Paths that are traced. Where these are light seen directly and direct light, what else falls on the first diffuse surface is
-    /// asked of [`PathTracer::with_secondary`] and of [`super::Products::caustics`], if there are any.
+    /// Paths that are traced.
     pub traced: PathClasses,
+    /// What else falls on the first diffuse surface is asked of [`PathTracer::with_secondary`] and of
+    /// [`super::Products::caustics`], if there are any; these then hold all of it.
+    pub asks: bool,
     /// Most scatterings of a path; 1 = light by one scattering only. `None`: Russian roulette alone ends paths.
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
@@ -63,12 +65,12 @@ pub struct PathSettings {
 impl PathSettings {
     /// All paths.
     pub fn all(bounces_max: Option<u32>, seed: u64) -> PathSettings {
-        PathSettings { shown: PathClasses::ALL, traced: PathClasses::ALL, bounces_max, seed }
+        PathSettings { shown: PathClasses::ALL, traced: PathClasses::ALL, asks: false, bounces_max, seed }
     }
 
-    /// Light that comes by way of mirrors to what scatters it diffusely is asked for, not traced.
-    fn asks(&self) -> bool {
-        !self.traced.contains(PathClass::Caustic)
+    /// Light seen directly and direct light; the rest is asked for.
+    pub fn asking(self) -> PathSettings {
+        PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, asks: true, ..self }
     }
 }
 
@@ -89,13 +91,12 @@ impl PathTracer {
 
     /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
     pub fn with_secondary(settings: PathSettings, secondary: Arc<dyn SecondaryLight>) -> PathTracer {
-        let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..settings };
-        PathTracer { settings, secondary: Some(secondary) }
+        PathTracer { settings: settings.asking(), secondary: Some(secondary) }
     }
 
     /// It asks others for light that comes by way of other surfaces.
     pub fn asks(&self) -> bool {
-        self.settings.asks()
+        self.settings.asks
     }
 }
 

@@ -15,7 +15,7 @@ use crate::{
         samples::{self, Stage},
     },
     technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique},
-    transport::{PathClass, PathClasses, Scatter, Surface, World},
+    transport::{PathClass, Scatter, Surface, World},
 };
 
 fn render(scene: &Scene, side: u32, passes: u32, settings: RenderSettings) -> Film {
@@ -340,7 +340,7 @@ fn near_surfaces_are_looked_past_without_loss() {
         // All light that arrives but what is emitted straight towards the surface.
         let irradiance = Rgb::splat(std::f32::consts::PI * (radiance - emission));
         let secondary = Arc::new(EvenSecondary { irradiance, blur_m });
-        let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..PathSettings::all(None, 3) };
+        let settings = PathSettings::all(None, 3).asking();
         let tracer = PathTracer::with_secondary(settings, secondary);
         let mean = mean_arriving(&world, &tracer, 40_000);
         let expected = f64::from(radiance - emission);
@@ -419,7 +419,7 @@ fn near_glossy_surfaces_are_looked_past_without_loss() {
     stage.place("lamp", lamp, DAffine3::IDENTITY).unwrap();
     let world = Arc::new(World::prepare(Arc::new(stage.finish())));
     let traced = Traced { world: world.clone(), asked: 0.into() };
-    let settings = PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, ..PathSettings::all(None, 3) };
+    let settings = PathSettings::all(None, 3).asking();
     let near = PathTracer::with_secondary(settings, Arc::new(traced));
     let mean = |tracer: &PathTracer| mean_arriving(&world, tracer, 60_000);
     let (found, expected) = (mean(&near), mean(&whole()));
