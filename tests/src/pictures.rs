@@ -41,8 +41,8 @@ pub struct Compared {
     pub caustic_share: f64,
 }
 
-/// Holds every layer of small pictures by a technique against the path tracer's, in the mean over the picture: no more off than noise
-/// and what photons and records may be biased by.
+/// Holds every layer of small pictures by a technique against the path tracer's, in the mean over the picture: no more off
+/// than noise and what photons and records may be biased by.
 pub fn compare_layers(name: &str, world: &Arc<World>, indirect: Indirect, passes: u32) -> Compared {
     let [path, found] = [Indirect::Path, indirect].map(|indirect| layers(world, indirect, passes));
     let whole: f64 = path.iter().map(RunningStatistics::mean).sum();

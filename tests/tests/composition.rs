@@ -20,8 +20,8 @@ use lumicast_tests::{mean, picture};
 const SIDE: u32 = 16;
 /// Samples of the path tracer: twice as many as of looked-up light, which has less noise.
 const PASSES: u32 = 96;
-/// How far layers may be off: noise of some tens of thousands of samples, in shares of the layer and of the whole picture. A layer
-/// that is in no room is off by all of it, one in two rooms by as much.
+/// How far layers may be off: noise of some tens of thousands of samples, in shares of the layer and of the whole picture. A
+/// layer that is in no room is off by all of it, one in two rooms by as much.
 const OFF_MAX: [f64; 2] = [0.4, 0.01];
 
 /// What a scene may hold.
@@ -134,7 +134,7 @@ fn every_class_of_light_that_a_scene_has_is_in_exactly_one_room() {
             if !is_planned && (expected > 0.0 || found > 0.0) {
                 fail("is not planned");
             }
-            // No path from the eye finds the light of lamps without size by mirrors and clear glass, nor what others send on of it.
+            // No path from the eye finds the light of lamps without size by mirrors and clear glass, nor what is sent on of it.
             let is_hidden =
                 plan.facts.hides_light() && matches!(class, PathClass::Caustic | PathClass::Indirect);
             let allowed = OFF_MAX[0] * expected + OFF_MAX[1] * whole;

@@ -1,6 +1,7 @@
-//! Glass and mirrors as they should not be modelled and are: glass in glass, glass that touches a wall or other glass, faces in one
-//! place, no refraction at all and that of diamond, rays along a face, mirrors that face each other. All of it loses no light, so
-//! that in white surroundings it is as bright as these to an eye outside; and under a lamp, looked up or traced, every layer is the same.
+//! Glass and mirrors as they should not be modelled and are: glass in glass, glass that touches a wall or other glass, faces in
+//! one place, no refraction at all and that of diamond, rays along a face, mirrors that face each other. All of it loses no
+//! light, so that in white surroundings it is as bright as these to an eye outside; and under a lamp, looked up or traced,
+//! every layer is the same.
 
 use std::sync::Arc;
 

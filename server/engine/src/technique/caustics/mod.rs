@@ -9,9 +9,9 @@
 //! Photons carry as much flux each as if all lights had sent them out blindly: what this costs is in proportion to the share
 //! of the light that falls on mirrors and glass. Where there are none it costs nothing.
 //!
-//! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of point, spot and directional lights
-//! by way of mirrors and clear glass, which no path from the eye can find; and can be asked for that alone. What such light
-//! shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
+//! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of
+//! point, spot and directional lights by way of mirrors and clear glass, which no path from the eye can find; and can be asked
+//! for that alone. What such light shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
 mod borders;
 mod map;
