@@ -232,7 +232,11 @@ impl EffectChoice {
 /// Choices of the effects that are computed by themselves; an absent one is `auto`. With the techniques `path` and `none`, `on`
 /// changes nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(
+    default,
+    deny_unknown_fields,
+    expecting = "an object with `caustics` and `indirect`, each `auto`, `on` or `off`"
+)]
 pub struct EffectChoices {
     /// Light that mirrors, glosses and glass send on to diffuse surfaces.
     pub caustics: EffectChoice,

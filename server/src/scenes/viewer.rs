@@ -87,7 +87,7 @@ impl Viewer {
             quality_count: 0,
             accuracy: Accuracy::default(),
             indirect: Indirect::Auto,
-            technique: Technique::Path,
+            technique: Technique::Auto,
             in_flight: VecDeque::new(),
             frames_sent: 0,
             frames_skipped: 0,

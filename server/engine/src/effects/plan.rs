@@ -97,10 +97,10 @@ fn effects(facts: &SceneFacts) -> Vec<Effect> {
     let of_materials = |kind, count: usize, on: &str, off: &str| Effect {
         kind,
         is_on: count > 0,
-        reason: if count > 0 {
-            format!("{count} of {} materials {on}", facts.materials)
-        } else {
-            format!("no placed material {off}")
+        reason: match count {
+            0 => format!("no placed material {off}"),
+            1 => format!("1 of {} materials {off}", facts.materials),
+            _ => format!("{count} of {} materials {on}", facts.materials),
         },
     };
     vec![

@@ -55,7 +55,8 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
     /// Effects in place of the scene's plan, such as caustics=off,indirect=on: caustics and indirect may be auto, on or off.
-    /// With off the picture lacks that light; on costs time and changes nothing that is seen
+    /// With off the picture lacks that light (what surfaces send on of caustics is indirect light, and stays); on costs time
+    /// where there is something to follow, and changes nothing that is seen
     #[arg(long, value_name = "LIST", default_value = "", value_parser = parse_effects, hide_default_value = true)]
     pub effects: EffectChoices,
     /// Names the random numbers
@@ -100,20 +101,30 @@ impl RenderArgs {
 
 fn parse_effects(list: &str) -> Result<EffectChoices, String> {
     let mut choices = EffectChoices::default();
-    for item in list.split(',').filter(|item| !item.trim().is_empty()) {
-        let (name, choice) = item.split_once('=').ok_or_else(|| format!("{item:?}: write caustics=off"))?;
-        let kind = EffectChoices::KINDS.into_iter().find(|kind| kind.name() == name.trim());
-        let place = kind.and_then(|kind| choices.choice_mut(kind));
-        *place.ok_or_else(|| {
-            format!(
-                "{name:?}: caustics and indirect can be chosen; the others come with materials and lights"
-            )
-        })? = match choice.trim() {
+    let mut chosen = Vec::new();
+    for item in list.split(',').map(str::trim).filter(|item| !item.is_empty()) {
+        let (name, choice) = item
+            .split_once('=')
+            .ok_or_else(|| format!("{item:?}: write {item}=off, {item}=on or {item}=auto"))?;
+        let kind =
+            EffectChoices::KINDS.into_iter().find(|kind| kind.name() == name.trim()).ok_or_else(|| {
+                format!(
+                    "{name:?}: caustics and indirect can be chosen; the others come with materials and lights"
+                )
+            })?;
+        if chosen.contains(&kind) {
+            return Err(format!("{name} is chosen twice"));
+        }
+        chosen.push(kind);
+        let choice = match choice.trim() {
             "auto" => EffectChoice::Plan,
             "on" => EffectChoice::On,
             "off" => EffectChoice::Off,
-            _ => return Err(format!("{choice:?}: auto, on or off")),
+            _ => return Err(format!("{item:?}: auto, on or off, and a comma before the next effect")),
         };
+        if let Some(place) = choices.choice_mut(kind) {
+            *place = choice;
+        }
     }
     Ok(choices)
 }

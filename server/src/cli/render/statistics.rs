@@ -188,6 +188,9 @@ pub(super) fn effects(
         .map(|effect| {
             let state = match ruled_out(effect.kind).filter(|_| effect.is_on) {
                 Some(option) => EffectState { on: false, reason: format!("turned off by {option}") },
+                None if effect.kind == EffectKind::Caustics && effect.is_on && indirect == Indirect::Path => {
+                    EffectState { on: true, reason: "path-traced with all other light: no photons".into() }
+                }
                 None => EffectState { on: effect.is_on, reason: effect.reason.clone() },
             };
             (effect.kind.name(), state)
