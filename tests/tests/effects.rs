@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DVec3};
+use lumicast::assets::{AssetLimits, load_scene};
 use lumicast_engine::effects::{EffectChoice, EffectChoices};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::math::{Rgb, sobol};
@@ -14,7 +15,7 @@ use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::samples::{Stage, cuboid, quad, sphere};
 use lumicast_engine::scene::{CameraView, Light, LightKind, Material, Scene};
 use lumicast_engine::transport::World;
-use lumicast_tests::{compare_layers, mean, picture};
+use lumicast_tests::{compare_layers, mean, picture, shared_folder};
 
 const SIDE: u32 = 32;
 const PASSES: u32 = 48;
@@ -105,6 +106,37 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
+}
+
+/// The same of the shared scenes, which take half an hour together: `LUMICAST_NIGHTLY=1` takes them all, `LUMICAST_SCENE` one.
+#[test]
+fn shared_scenes_add_up_to_the_path_tracer_layer_by_layer() {
+    let named = std::env::var("LUMICAST_SCENE").ok();
+    let is_asked = named.is_some() || std::env::var_os("LUMICAST_NIGHTLY").is_some();
+    let Some(shared) = shared_folder().filter(|_| is_asked) else {
+        println!("SKIPPED shared scenes: LUMICAST_NIGHTLY=1 and ../shared beside the project are needed");
+        return;
+    };
+    let mut files: Vec<_> = std::fs::read_dir(shared.join("scenes"))
+        .expect("scenes")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "glb"))
+        .collect();
+    files.sort();
+    let mut failures = Vec::new();
+    let mut count = 0;
+    for file in files {
+        let name = file.file_stem().unwrap_or_default().to_string_lossy();
+        if named.as_ref().is_some_and(|named| *named != name) {
+            continue;
+        }
+        count += 1;
+        let scene = load_scene(&file, &AssetLimits::default()).expect("a scene");
+        let world = Arc::new(World::prepare(Arc::new(scene)));
+        failures.extend(compare_layers(&name, &world, Indirect::Irradiance, PASSES).failures);
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    assert!(count > 0, "no scene in {}", shared.display());
 }
 
 /// A lamp without size over a mirror in a dark room: the ceiling is lit by the mirror alone.

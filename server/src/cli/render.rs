@@ -22,8 +22,9 @@ use std::{
 
 use lumicast_engine::{
     effects::EffectPlan,
-    film::{Display, Film, Picture, PictureSize},
+    film::{Display, Picture, PictureSize},
     render::{Illumination, Indirect, Learning, RenderSettings, Rendering},
+    scene::Scene,
     transport::World,
 };
 
@@ -111,7 +112,7 @@ impl<'a> Job<'a> {
         let scene = &loaded.scene;
         let camera = find_camera(scene, args.camera.as_deref())?;
         let size = args.size.unwrap_or_else(|| default_size(camera.map(|(_, camera)| camera)));
-        check_memory(size, args.technique())?;
+        check_memory(size, args, scene)?;
         let view = camera.and_then(|(name, _)| scene.camera_view(Some(name)));
         if view.is_none() {
             eprintln!("note: the scene has no camera; showing all of it from the front");
@@ -355,10 +356,12 @@ fn core_count() -> usize {
 }
 
 /// Refuses a film that the machine cannot hold, instead of being killed half way.
-fn check_memory(size: PictureSize, indirect: Indirect) -> Result<(), CliError> {
-    // The sums, and up to 100 bytes a pixel for pictures and layers on their way into a file.
-    let bytes_per_pixel = indirect.film_count() * Film::BYTES_PER_PIXEL + 100;
-    let needed = size.pixel_count() as u64 * bytes_per_pixel as u64;
+fn check_memory(size: PictureSize, args: &RenderArgs, scene: &Scene) -> Result<(), CliError> {
+    let (indirect, bounces_max, effects) = (args.technique(), args.bounces, args.effects);
+    let settings = RenderSettings { indirect, bounces_max, effects, ..RenderSettings::default() };
+    // Up to 100 bytes a pixel for pictures and layers on their way into a file.
+    let on_the_way = 100 * size.pixel_count();
+    let needed = (settings.picture_bytes(&EffectPlan::of(scene), size.pixel_count()) + on_the_way) as u64;
     match available_bytes() {
         Some(available) if needed > available => Err(CliError::Usage(format!(
             "--size {}x{}: needs {} MB, and {} MB of memory are free",

@@ -11,13 +11,11 @@ use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::{Gaze, LightKey, Lighting};
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
-use super::viewer_film::{
-    FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, film_bytes, next_offer_after,
-};
+use super::viewer_film::{FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::{Outdated, PictureSize};
-use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::render::{Learning, RenderSettings, Rendering};
 use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
@@ -344,7 +342,7 @@ impl Painter {
         }
         let budget = self.quick_pass(active);
         let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
-        film.divisor_min = self.finest_divisor(key.indirect, key.full);
+        film.divisor_min = self.finest_divisor(wish, snapshot, key.full);
         film.light_generation = key.light.map_or(0, |light| self.lighting.generation(light));
         film.light_epoch = key.light.map_or(0, |light| self.lighting.epoch(light));
         // A pass that was cut may have seen only the fast part of the picture: the next one is smaller in any case.
@@ -373,13 +371,15 @@ impl Painter {
     }
 
     /// The finest divisor whose film fits into the memory that all films may take.
-    fn finest_divisor(&self, indirect: Indirect, full: Size) -> u32 {
+    fn finest_divisor(&self, wish: &Wish, snapshot: &Snapshot, full: Size) -> u32 {
         let config = &self.scene.workshop.config;
         let taken = self.scene.workshop.metrics.film_bytes.value();
         let limit = i64::try_from(config.film_bytes).unwrap_or(i64::MAX);
+        let settings = self.settings_of(wish);
         let fits = |divisor: &u32| {
-            let [width, height] = scaled(full, *divisor);
-            taken.saturating_add(film_bytes(indirect, usize::from(width) * usize::from(height))) <= limit
+            let [width, height] = scaled(full, *divisor).map(usize::from);
+            let bytes = settings.picture_bytes(&snapshot.plan, width * height);
+            taken.saturating_add(i64::try_from(bytes).unwrap_or(i64::MAX)) <= limit
         };
         rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
     }
@@ -394,20 +394,17 @@ impl Painter {
         let size = scaled(film.key.full, divisor);
         let picture = PictureSize::new(size[0].into(), size[1].into())
             .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?;
+        let settings = self.settings_of(wish);
+        let bytes = settings.picture_bytes(&snapshot.plan, picture.pixel_count());
         let known = film.key.light.and_then(|light| self.lighting.known(light, wish.indirect));
         let rendering = Rendering::with(
             (snapshot.world.clone(), &snapshot.plan),
             film.key.view,
             picture,
-            self.settings_of(wish),
+            settings,
             known,
         );
-        Ok(Layer {
-            rendering,
-            divisor,
-            size,
-            _memory: FilmMemory::of(&self.scene.workshop, wish.indirect, picture),
-        })
+        Ok(Layer { rendering, divisor, size, _memory: FilmMemory::of(&self.scene.workshop, bytes) })
     }
 
     /// One more pass of the present film, or of the next rung's.
@@ -415,7 +412,7 @@ impl Painter {
         let Some(mut layer) = film.layer.take() else { return };
         // Others may have taken memory since the first pass.
         film.divisor_min =
-            film.divisor_min.max(self.finest_divisor(film.key.indirect, film.key.full)).min(layer.divisor);
+            film.divisor_min.max(self.finest_divisor(wish, snapshot, film.key.full)).min(layer.divisor);
         if layer.divisor > film.divisor_min {
             let divisor = film.climb.take().map_or_else(
                 || {

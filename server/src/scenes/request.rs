@@ -157,9 +157,10 @@ impl Drawing {
         let learning = Learning::Alongside { until: Some(started + seconds.mul_f64(LEARNING_SHARE)) };
         let settings =
             RenderSettings { indirect: INDIRECT, seed: config.seed, learning, ..RenderSettings::default() };
+        let bytes = settings.picture_bytes(&job.snapshot.plan, job.size.pixel_count());
         Drawing {
             rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
-            memory: super::viewer_film::FilmMemory::of(workshop, INDIRECT, job.size),
+            memory: super::viewer_film::FilmMemory::of(workshop, bytes),
             started,
             measure_at: 2,
             samples_max: config.samples_max,

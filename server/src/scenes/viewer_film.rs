@@ -8,7 +8,7 @@ use super::lighting::LightKey;
 use super::viewer::Wish;
 use super::{Snapshot, Workshop};
 use lumicast_engine::effects::EffectChoices;
-use lumicast_engine::film::{Film, MeasuredError, PictureSize};
+use lumicast_engine::film::MeasuredError;
 use lumicast_engine::render::{Indirect, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{ConvergencePoint, Stats};
@@ -50,14 +50,9 @@ pub(super) struct FilmMemory {
     bytes: i64,
 }
 
-/// Of the films of one picture.
-pub(super) fn film_bytes(indirect: Indirect, pixels: usize) -> i64 {
-    (indirect.film_count() * pixels * Film::BYTES_PER_PIXEL) as i64
-}
-
 impl FilmMemory {
-    pub(super) fn of(workshop: &Arc<Workshop>, indirect: Indirect, size: PictureSize) -> FilmMemory {
-        let bytes = film_bytes(indirect, size.pixel_count());
+    pub(super) fn of(workshop: &Arc<Workshop>, bytes: usize) -> FilmMemory {
+        let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
         workshop.metrics.film_bytes.add(bytes);
         FilmMemory { workshop: workshop.clone(), bytes }
     }

@@ -68,13 +68,6 @@ pub enum Learnt {
     Records,
 }
 
-impl Indirect {
-    /// Films that a picture takes.
-    pub fn film_count(self) -> usize {
-        if self == Indirect::Auto { 2 } else { 1 }
-    }
-}
-
 /// When a picture that learns of its light by itself is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Learning {
@@ -108,6 +101,20 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// Memory that a picture is to be given, about: that of its films, and of maps of caustics with as many photons as they may
+    /// have.
+    ///
+    /// - `plan`: of the scene
+    pub fn picture_bytes(&self, plan: &EffectPlan, pixel_count: usize) -> usize {
+        let films = if self.indirect == Indirect::Auto { 2 } else { 1 };
+        let runs = self.effects.caustics.runs(plan.is_on(EffectKind::Caustics));
+        // Of hidden light each film has its own, and each half of the measure.
+        let hidden = if plan.facts.hides_light() { 4 } else { 0 };
+        let maps = if self.looks_up() { usize::from(runs) + hidden } else { 0 };
+        let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
+        films * pixel_count * Film::BYTES_PER_PIXEL + maps * of.bytes_max()
+    }
+
     /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
     fn looks_up(&self) -> bool {
         match self.indirect {

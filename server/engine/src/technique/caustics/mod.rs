@@ -80,6 +80,11 @@ impl CausticSettings {
             light: CausticLight::All,
         }
     }
+
+    /// Memory of a map with as many photons as there may be, where they show on a surface or two.
+    pub fn bytes_max(&self) -> usize {
+        self.photons_max as usize * BYTES_PER_PHOTON
+    }
 }
 
 /// Photons of a pass for every pixel, if all light fell on mirrors and glass.
@@ -92,6 +97,7 @@ const PIXELS_PER_PHOTON: u32 = 2;
 /// surface that shows it: on one or two for most, on 17 in the mean where no light is lost at all (`photons.rs`).
 const PHOTONS_LEAST: u32 = 1 << 12;
 const PHOTONS_END: u32 = 1 << 18;
+const BYTES_PER_PHOTON: usize = 256;
 /// Photons that are followed before it is asked again whether that is still wanted.
 const BATCH: u32 = 1 << 14;
 /// Photons that are tried to find how much of all light falls on mirrors and glass, and of one light at least and at most.
