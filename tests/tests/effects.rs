@@ -108,7 +108,7 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
 }
 
-/// The same of the shared scenes, which take half an hour together: `LUMICAST_NIGHTLY=1` takes them all, `LUMICAST_SCENE` one.
+/// The same of the shared scenes, which take two minutes together: `LUMICAST_NIGHTLY=1` takes them all, `LUMICAST_SCENE` one.
 #[test]
 fn shared_scenes_add_up_to_the_path_tracer_layer_by_layer() {
     let named = std::env::var("LUMICAST_SCENE").ok();
