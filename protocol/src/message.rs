@@ -218,15 +218,6 @@ pub enum EffectChoice {
 impl EffectChoice {
     /// Every one, for menus.
     pub const ALL: [Self; 3] = [Self::Auto, Self::On, Self::Off];
-
-    /// As in JSON and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Auto => "auto",
-            Self::On => "on",
-            Self::Off => "off",
-        }
-    }
 }
 
 /// Choices of the effects that are computed by themselves; an absent one is `auto`. With the techniques `path` and `none`, `on`
