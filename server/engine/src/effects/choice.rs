@@ -63,14 +63,9 @@ impl EffectPlan {
     /// The plan with what was chosen in its place, and the reasons of either.
     pub fn chosen(mut self, mut choices: EffectChoices) -> EffectPlan {
         for Effect { kind, is_on, reason } in &mut self.effects {
-            match choices.choice_mut(*kind) {
-                Some(EffectChoice::On) if !*is_on => {
-                    (*is_on, *reason) = (true, format!("chosen, though {reason}"))
-                }
-                Some(EffectChoice::Off) if *is_on => {
-                    (*is_on, *reason) = (false, format!("chosen, though {reason}"))
-                }
-                _ => (),
+            let runs = choices.choice_mut(*kind).map_or(*is_on, |choice| choice.runs(*is_on));
+            if runs != *is_on {
+                (*is_on, *reason) = (runs, format!("chosen, though {reason}"));
             }
         }
         self

@@ -1,8 +1,7 @@
 //! Numbers about a scene that decide which effects it can show.
 
-use super::Inventory;
 use crate::{
-    scene::{Material, Scene, TextureSlot},
+    scene::{Material, TextureSlot},
     transport::bsdf::SMOOTH_ALPHA,
 };
 
@@ -38,11 +37,6 @@ pub struct SceneFacts {
 }
 
 impl SceneFacts {
-    /// Collects the facts in one walk over the nodes.
-    pub fn of(scene: &Scene) -> SceneFacts {
-        Inventory::of(scene).facts().clone()
-    }
-
     /// Calls `step` with every number that a placed material counts for.
     pub(super) fn count(&mut self, material: &Material, mut step: impl FnMut(&mut usize)) {
         let mut add = |number: &mut usize, is_so: bool| {

@@ -34,12 +34,7 @@ impl Inventory {
         self.take(before, after, change.nodes.iter(), change.materials.iter(), change.lights.iter());
     }
 
-    /// What it found.
-    pub fn facts(&self) -> &SceneFacts {
-        &self.facts
-    }
-
-    /// What that calls for.
+    /// What the scene calls for.
     pub fn plan(&self) -> EffectPlan {
         EffectPlan::from_facts(self.facts.clone())
     }

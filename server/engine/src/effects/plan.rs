@@ -1,6 +1,6 @@
 //! From facts to what runs, in plain words.
 
-use super::SceneFacts;
+use super::{Inventory, SceneFacts};
 use crate::scene::Scene;
 
 /// A part of light transport that a scene may or may not call for.
@@ -78,11 +78,11 @@ pub struct EffectPlan {
 impl EffectPlan {
     /// The plan of a scene.
     pub fn of(scene: &Scene) -> EffectPlan {
-        EffectPlan::from_facts(SceneFacts::of(scene))
+        Inventory::of(scene).plan()
     }
 
     /// The plan of a scene of which these are the facts.
-    pub fn from_facts(facts: SceneFacts) -> EffectPlan {
+    pub(super) fn from_facts(facts: SceneFacts) -> EffectPlan {
         EffectPlan { effects: effects(&facts), facts }
     }
 

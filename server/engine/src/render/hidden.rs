@@ -7,7 +7,6 @@
 use std::sync::{Arc, atomic::AtomicBool};
 
 use crate::{
-    effects::EffectPlan,
     film::PictureSize,
     math::sobol,
     technique::{
@@ -37,17 +36,12 @@ pub(super) struct HiddenLight {
 }
 
 impl HiddenLight {
-    /// `None` where the scene has none.
-    pub(super) fn of(
-        plan: &EffectPlan,
-        settings: &RenderSettings,
-        size: PictureSize,
-        what_for: HiddenFor,
-    ) -> Option<HiddenLight> {
+    /// No map yet.
+    pub(super) fn new(settings: &RenderSettings, size: PictureSize, what_for: HiddenFor) -> HiddenLight {
         let seed = sobol::mix(settings.seed ^ (0x6869_6464_656e_0000 + what_for as u64));
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, seed);
         let caustics = Caustics::new(CausticSettings { light: CausticLight::Hidden, ..of });
-        plan.facts.hides_light().then_some(HiddenLight { caustics })
+        HiddenLight { caustics }
     }
 
     /// Makes the map of a pass, unless it is there.

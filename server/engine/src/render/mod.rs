@@ -107,10 +107,8 @@ impl RenderSettings {
     /// - `plan`: of the scene
     pub fn picture_bytes(&self, plan: &EffectPlan, pixel_count: usize) -> usize {
         let films = if self.indirect == Indirect::Auto { 2 } else { 1 };
-        let runs = self.effects.caustics.runs(plan.is_on(EffectKind::Caustics));
         // Of hidden light each film has its own, and each half of the measure.
-        let hidden = if plan.facts.hides_light() { 4 } else { 0 };
-        let maps = if self.looks_up() { usize::from(runs) + hidden } else { 0 };
+        let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
         films * pixel_count * Film::BYTES_PER_PIXEL + maps * of.bytes_max()
     }
@@ -122,6 +120,22 @@ impl RenderSettings {
             Indirect::Auto => self.bounces_max.is_none_or(|bounces| bounces > 1),
             Indirect::Path | Indirect::None => false,
         }
+    }
+
+    /// It also looks at light that comes by way of mirrors and glass.
+    fn looks_further(&self) -> bool {
+        self.looks_up() && self.bounces_max.is_none_or(|bounces| bounces > 1)
+    }
+
+    /// Photons of its own bring caustics.
+    fn focuses(&self, plan: &EffectPlan) -> bool {
+        self.looks_further() && self.effects.caustics.runs(plan.is_on(EffectKind::Caustics))
+    }
+
+    /// Photons bring what path tracing cannot find; also where caustics are turned off: what surfaces send on of them is indirect
+    /// light.
+    fn brings_hidden(&self, plan: &EffectPlan) -> bool {
+        self.looks_further() && plan.is_on(EffectKind::Caustics) && plan.facts.hides_light()
     }
 
     /// What is learnt for that; nothing where no surface lights another.
@@ -198,16 +212,12 @@ impl Rendering {
         known: Option<Arc<dyn SecondaryLight>>,
     ) -> Rendering {
         let learnt = settings.learns(plan);
-        let reaches_further = settings.bounces_max.is_none_or(|bounces| bounces > 1);
-        let runs = settings.effects.caustics.runs(plan.is_on(EffectKind::Caustics));
-        let is_focused = settings.looks_up() && reaches_further && runs;
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
-        let caustics = is_focused.then(|| Caustics::new(of));
-        // Also where caustics are turned off: what surfaces send on of them is indirect light.
-        let hides = settings.looks_up() && reaches_further && plan.is_on(EffectKind::Caustics);
-        let hidden = |what_for| HiddenLight::of(plan, &settings, size, what_for).filter(|_| hides);
+        let caustics = settings.focuses(plan).then(|| Caustics::new(of));
+        let brings_hidden = settings.brings_hidden(plan);
+        let hidden = |what_for| brings_hidden.then(|| HiddenLight::new(&settings, size, what_for));
         // What is sampled alone says by its two halves how far off it is.
-        let is_gauged = learnt.is_some() || is_focused;
+        let is_gauged = learnt.is_some() || caustics.is_some();
         let measured = is_gauged.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
         Rendering {
             view: View::new(&world, &view, size),
