@@ -1,5 +1,5 @@
-//! Caustics by photons of their own: what a frame of them costs, and how soon pictures with them are right, beside the path
-//! tracer. Larsen 2004, chapter 12, filters photons on the screen instead and gives frames a second alone.
+//! Caustics by photons of their own: what a frame of them costs, looked up in maps and filtered on the screen, and how soon
+//! pictures with them are right, beside the path tracer. Larsen 2004, chapter 12, gives frames a second alone.
 
 use std::{
     sync::{Arc, atomic::AtomicBool},
@@ -8,13 +8,14 @@ use std::{
 
 use glam::Vec3;
 use lumicast_engine::{
+    accel::Hit,
     film::PictureSize,
     render::Indirect,
     technique::{
         FocusedLight, Products, Step, Technique, View,
-        caustics::{CausticReport, CausticSettings, Caustics},
+        caustics::{CausticReport, CausticSettings, CausticSketch, Caustics},
     },
-    transport::Surface,
+    transport::{Surface, World},
 };
 use rayon::prelude::*;
 
@@ -41,6 +42,8 @@ const PHOTON_COUNT: Column = Column::given("photons", "photons a frame");
 const STORED: Column = Column::here("stored", "on diffuse surfaces", "");
 const PREPARE_MS: Column = Column::here("prepare_ms", "photons and map", "ms");
 const LOOK_UP_MS: Column = Column::here("look_up_ms", "a look-up in every pixel", "ms");
+const SKETCH_MS: Column = Column::here("sketch_ms", "photons for the screen", "ms");
+const SCREEN_MS: Column = Column::here("screen_ms", "drawn and filtered there", "ms");
 const BYTES: Column = Column::here("bytes", "memory", "kB");
 const TECHNIQUE: Column = Column::given("technique", "technique");
 const ELAPSED: Column = Column::given("elapsed", "after, s");
@@ -67,10 +70,11 @@ pub(super) fn measure(
 fn frames(notebook: &mut Notebook, subjects: &[Subject], effort: Effort) -> Result<(), ReportError> {
     let about = format!(
         "A frame of caustics at {SIDE} × {SIDE}: photons aimed at mirrors and glass, followed and laid out in a map, and one \
-         look-up for what every pixel sees; means of {FRAMES} frames. The paper draws 35 frames/s of 512 × 512 on a GPU of \
+         look-up for what every pixel sees; and as many photons followed once for all cameras, drawn into a picture's pixels \
+         and filtered there, as first pictures have them; means of {FRAMES} frames. The paper draws 35 frames/s of 512 × 512 on a GPU of \
          2004, all light included, with 10,000 photons of caustics followed over 8 frames and filtered on the screen."
     );
-    let columns = [SCENE, PHOTON_COUNT, STORED, PREPARE_MS, LOOK_UP_MS, BYTES];
+    let columns = [SCENE, PHOTON_COUNT, STORED, PREPARE_MS, LOOK_UP_MS, BYTES, SKETCH_MS, SCREEN_MS];
     notebook.begin(Table::new("caustic-frames", "Caustics frame by frame", about, &columns));
     for subject in subjects {
         for photons in PHOTONS.map(|count| effort.photons(count)) {
@@ -98,11 +102,18 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         let start = Instant::now();
         let map = next(&mut caustics, &prepared).ok_or_else(empty)?;
         seconds += start.elapsed();
-        let start = Instant::now();
-        seen.look_up(&*map);
-        look_up += start.elapsed();
+        look_up += seen.look_up(&prepared.world, &*map);
     }
     let CausticReport { photons_stored, bytes, .. } = caustics.report();
+    let (mut sketching, mut filtering) = (Duration::ZERO, Duration::ZERO);
+    for _ in 0..FRAMES {
+        let start = Instant::now();
+        let sketch = CausticSketch::of(&prepared.world, &of);
+        sketching += start.elapsed();
+        let start = Instant::now();
+        let screen = sketch.seen_by(&seen.view);
+        filtering += start.elapsed() + seen.look_up(&prepared.world, &*screen);
+    }
     let frames = f64::from(FRAMES);
     Ok([
         (SCENE, Cell::from(subject.name.as_str())),
@@ -111,6 +122,8 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         (PREPARE_MS, (1e3 * seconds.as_secs_f64() / frames).into()),
         (LOOK_UP_MS, (1e3 * look_up.as_secs_f64() / frames).into()),
         (BYTES, (bytes as f64 * 1e-3).into()),
+        (SKETCH_MS, (1e3 * sketching.as_secs_f64() / frames).into()),
+        (SCREEN_MS, (1e3 * filtering.as_secs_f64() / frames).into()),
     ]
     .map(|(column, cell)| (column.key.to_string(), cell))
     .into())
@@ -124,8 +137,14 @@ fn next(caustics: &mut Caustics, prepared: &Prepared) -> Option<Arc<dyn FocusedL
     products.caustics
 }
 
-/// What every pixel's middle sees, and the unit direction to the eye.
-struct Seen(Vec<(Surface, Vec3)>);
+/// What every pixel's middle sees, and the unit direction from the eye.
+struct Seen {
+    view: View,
+    hits: Vec<(Hit, Vec3)>,
+}
+
+/// Surfaces that are looked up at one go: they stay in the cache, as the one surface does that a path has met.
+const SURFACES: usize = 64;
 
 impl Seen {
     fn of(prepared: &Prepared, size: PictureSize) -> Seen {
@@ -133,16 +152,23 @@ impl Seen {
         let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
         let seen = pixels.filter_map(|(x, y)| {
             let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
-            let hit = prepared.world.closest_hit(&ray)?;
-            Some((prepared.world.surface(&hit, ray.direction), -ray.direction))
+            Some((prepared.world.closest_hit(&ray)?, ray.direction))
         });
-        Seen(seen.collect())
+        Seen { view, hits: seen.collect() }
     }
 
-    /// Looks caustics up there.
-    fn look_up(&self, map: &dyn FocusedLight) {
-        let of_surface = |(surface, wo): &(Surface, Vec3)| map.scattered(surface, *wo, u32::MAX).diffuse.g;
-        std::hint::black_box(self.0.par_iter().map(of_surface).sum::<f32>());
+    /// Looks caustics up there; returns how long that took on all threads.
+    fn look_up(&self, world: &World, map: &dyn FocusedLight) -> Duration {
+        let of_some = |hits: &[(Hit, Vec3)]| {
+            let surface_of = |(hit, direction): &(Hit, Vec3)| (world.surface(hit, *direction), -*direction);
+            let surfaces: Vec<(Surface, Vec3)> = hits.iter().map(surface_of).collect();
+            let start = Instant::now();
+            for (surface, wo) in &surfaces {
+                std::hint::black_box(map.scattered(surface, *wo, u32::MAX));
+            }
+            start.elapsed()
+        };
+        self.hits.par_chunks(SURFACES).map(of_some).sum::<Duration>() / rayon::current_num_threads() as u32
     }
 }
 

@@ -16,6 +16,7 @@ use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::{Outdated, PictureSize};
 use lumicast_engine::render::{Learning, RenderSettings, Rendering};
+use lumicast_engine::technique::caustics::CausticSketch;
 use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
@@ -29,6 +30,13 @@ const LEARNING_SECONDS: f64 = 0.2;
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
+/// What the caustics of first pictures depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct SketchKey {
+    light_revision: u64,
+    bounces_max: Option<u32>,
+}
+
 /// Draws for one scene.
 #[derive(Debug)]
 pub(super) struct Painter {
@@ -37,6 +45,8 @@ pub(super) struct Painter {
     drawings: Vec<Drawing>,
     /// What is known of the scene's light.
     lighting: Lighting,
+    /// Photons of its caustics, and what they are of.
+    sketch: Option<(SketchKey, Arc<CausticSketch>)>,
     speed: Speed,
     /// Of quick passes alone: small pictures keep all cores busy less well than large ones.
     quick_speed: Speed,
@@ -62,6 +72,7 @@ impl Painter {
             films: HashMap::new(),
             drawings: Vec::new(),
             lighting: Lighting::default(),
+            sketch: None,
             speed: Speed::default(),
             quick_speed: Speed::default(),
             turn: 0,
@@ -349,6 +360,9 @@ impl Painter {
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
+                if let Some(sketch) = self.sketch(snapshot, &self.settings_of(wish)) {
+                    layer.rendering.begin_with(sketch);
+                }
                 let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
                 let (before, started) = (layer.rendering.sample_count(), Instant::now());
                 let complete =
@@ -382,6 +396,17 @@ impl Painter {
             taken.saturating_add(i64::try_from(bytes).unwrap_or(i64::MAX)) <= limit
         };
         rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
+    }
+
+    /// The caustics of first pictures, followed once for all cameras that look at a scene.
+    fn sketch(&mut self, snapshot: &Snapshot, settings: &RenderSettings) -> Option<Arc<CausticSketch>> {
+        let key = SketchKey { light_revision: snapshot.light_revision, bounces_max: settings.bounces_max };
+        if self.sketch.as_ref().is_none_or(|(known, _)| *known != key) {
+            let pool = &self.scene.workshop.drawing_pool;
+            let sketch = pool.install(|| settings.sketch(&snapshot.world, &snapshot.plan));
+            self.sketch = sketch.map(|sketch| (key, Arc::new(sketch)));
+        }
+        self.sketch.as_ref().map(|(_, sketch)| sketch.clone())
     }
 
     fn layer(

@@ -24,7 +24,7 @@ use crate::{
     scene::CameraView,
     technique::{
         Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
-        caustics::{CausticReport, CausticSettings, Caustics},
+        caustics::{CausticReport, CausticSettings, CausticSketch, Caustics},
         path::{PathSettings, PathTracer},
     },
     transport::{PathClass, World},
@@ -138,6 +138,15 @@ impl RenderSettings {
         self.looks_further() && plan.is_on(EffectKind::Caustics) && plan.facts.hides_light()
     }
 
+    /// Caustics for first pictures, whatever camera they are of; `None` where pictures have none of their own. Takes some
+    /// milliseconds.
+    ///
+    /// - `plan`: of the world's scene
+    pub fn sketch(&self, world: &World, plan: &EffectPlan) -> Option<CausticSketch> {
+        let of = CausticSettings::for_sketch(self.bounces_max, self.seed);
+        self.focuses(plan).then(|| CausticSketch::of(world, &of))
+    }
+
     /// What is learnt for that; nothing where no surface lights another.
     ///
     /// - `plan`: of the scene
@@ -156,6 +165,8 @@ pub struct Rendering {
     technique: PathTracer,
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
+    /// What stands for them in the first pass.
+    sketch: Option<Arc<CausticSketch>>,
     /// What path tracing cannot find of its light, for this film as long as nothing is known, and for the path-traced one.
     hidden: [Option<HiddenLight>; 2],
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
@@ -226,6 +237,7 @@ impl Rendering {
             technique: tracer(&settings, learnt, known),
             learnt,
             caustics,
+            sketch: None,
             hidden: [HiddenFor::LookedUp, HiddenFor::Traced].map(hidden),
             traced: None,
             settings,
@@ -237,6 +249,11 @@ impl Rendering {
             looked_up_rays: 0,
             traced_rays: 0,
         }
+    }
+
+    /// Draws the first pass with a sketch of the caustics, so that nothing is waited for; the next one replaces them.
+    pub fn begin_with(&mut self, sketch: Arc<CausticSketch>) {
+        self.sketch = Some(sketch).filter(|_| self.caustics.is_some() && self.film.passes_max() == 0);
     }
 
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
@@ -263,8 +280,16 @@ impl Rendering {
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
         let pass = pass_of(&self.film);
-        let (products, prepared) = match &mut self.caustics {
-            Some(caustics) if self.technique.asks() => {
+        let sketch = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
+        if sketch.is_some() {
+            self.film.outdate(&[PathClass::Caustic], Outdated::Wrong);
+        }
+        let (products, prepared) = match (&mut self.caustics, &self.sketch) {
+            (Some(_), Some(sketch)) => {
+                let seen = Products { caustics: Some(sketch.seen_by(&self.view)), ..Products::default() };
+                (seen, Progress { complete: true, ..Progress::default() })
+            }
+            (Some(caustics), None) if self.technique.asks() => {
                 let progress = caustics.prepare(&self.world, pass, cancel);
                 (Products { caustics: caustics.map(), ..Products::default() }, progress)
             }

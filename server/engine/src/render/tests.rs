@@ -9,6 +9,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 use super::{Illumination, IlluminationSettings, Indirect, Learning, RenderSettings, Rendering, Stage};
 use crate::{
+    effects::EffectPlan,
     film::{PictureSize, compare},
     math::{Rgb, sobol},
     scene::{
@@ -20,7 +21,7 @@ use crate::{
         octree::{OctreeBuilding, OctreeSettings},
         photons::{PhotonSettings, PhotonTracing},
     },
-    transport::World,
+    transport::{PathClass, World},
 };
 
 fn settings(emitted_count: u32, depth: u32) -> IlluminationSettings {
@@ -603,4 +604,38 @@ fn one_bounce_needs_no_chain() {
         rendering.picture().radiance()
     };
     assert_eq!(picture(Indirect::Auto), picture(Indirect::Path));
+}
+
+/// A sketch of the caustics shows in the first pass, and nothing of it is left after the next.
+#[test]
+fn a_sketch_of_caustics_is_for_the_first_pass_alone() {
+    let scene = samples::cornell_box().unwrap();
+    let view = scene.default_view();
+    let world = Arc::new(world_of(scene));
+    let plan = EffectPlan::of(world.scene());
+    let settings = RenderSettings { indirect: Indirect::Irradiance, ..RenderSettings::default() };
+    let size = PictureSize::new(256, 192).unwrap();
+    let never = AtomicBool::new(false);
+    let mut brighter = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+    let lamp = world.scene().materials().iter().find(|(_, material)| !material.emission.is_black());
+    let (id, material) = lamp.unwrap();
+    let emission = material.emission * 100.0;
+    brighter.set_material(id.clone(), Material { emission, ..Material::clone(material) }).unwrap();
+    let brighter = world_of(brighter.finish().0);
+    let pictures = [None, Some(&*world), Some(&brighter)].map(|sketched| {
+        let mut rendering = Rendering::with((world.clone(), &plan), view, size, settings, None);
+        if let Some(sketched) = sketched {
+            rendering.begin_with(Arc::new(settings.sketch(sketched, &plan).unwrap()));
+        }
+        assert!(rendering.step(&never).complete);
+        let first = rendering.film().layer(PathClass::Caustic);
+        (0..2).for_each(|_| assert!(rendering.step(&never).complete));
+        (first, rendering.film().layer(PathClass::Caustic))
+    });
+    let mean = |layer: &[Rgb]| layer.iter().map(|value| value.luminance()).sum::<f32>() / layer.len() as f32;
+    let [photons, sketch, bright] = pictures.each_ref().map(|(first, _)| mean(first));
+    assert!((sketch / photons - 1.0).abs() < 0.15, "{sketch} sketched, {photons} by photons of its own");
+    assert!((bright / sketch / 100.0 - 1.0).abs() < 0.01, "{bright} for {sketch}");
+    assert!(pictures[1].1 == pictures[2].1);
+    assert!((mean(&pictures[1].1) / mean(&pictures[0].1) - 1.0).abs() < 0.1);
 }

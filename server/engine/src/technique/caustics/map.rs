@@ -204,56 +204,90 @@ impl Buckets {
 
 impl FocusedLight for CausticMap {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
+        let mut lit = Lit::new(surface, wo, scatterings_max);
         let p = surface.point.position;
-        let n_geo = surface.point.n_geo;
-        let n = if wo.dot(n_geo) > 0.0 { n_geo } else { -n_geo };
-        let wo_local = surface.frame.to_local(wo);
-        let is_broad = surface.bsdf.has_broad_gloss();
-        // What most surfaces are: the same for light from everywhere.
-        let lambert = match surface.bsdf {
-            Bsdf::Lambert { albedo } => Some(albedo * FRAC_1_PI),
-            _ => None,
-        };
-        let mut on_lambert = Rgb::BLACK;
-        let mut sum = FocusedScatter::default();
         for grid in &self.grids {
             grid.near(p, |photon| {
                 let away = p - photon.position;
                 let r2 = photon.radius_m * photon.radius_m;
-                if u32::from(photon.scatterings) > scatterings_max {
-                    return;
-                }
-                let normal = photon.normal;
-                let above = away.dot(normal);
+                let above = away.dot(photon.normal);
                 let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
-                if d2 >= r2 || normal.dot(n) < FACING_COS {
-                    return;
-                }
-                let wi = photon.direction;
-                let per_m2 = FRAC_2_PI / r2 * (1.0 - d2 / r2);
-                // Irradiance is flux on the surface as it is: the cosine of the shading normal comes for that of the true one.
-                let shading_cos = wi.dot(surface.frame.n);
-                let cos = wi.dot(normal).max(COS_RATIO_MIN * shading_cos.abs());
-                if !(cos > 0.0) {
-                    return;
-                }
-                let irradiance = photon.flux_w * (per_m2 / cos);
-                if lambert.is_some() {
-                    if shading_cos * wo_local.z > 0.0 {
-                        on_lambert += irradiance * shading_cos.abs();
-                    }
-                    return;
-                }
-                let value = surface.bsdf.eval(wo_local, surface.frame.to_local(wi));
-                sum.diffuse += value.diffuse.f_cos * irradiance;
-                if is_broad {
-                    sum.glossy += value.glossy.f_cos * irradiance;
+                if d2 < r2 {
+                    lit.add(photon, FRAC_2_PI / r2 * (1.0 - d2 / r2));
                 }
             });
         }
-        if let Some(per_irradiance) = lambert {
-            sum.diffuse = per_irradiance * on_lambert;
+        lit.scatter()
+    }
+}
+
+/// What a surface sends to the eye of the photons that light it.
+pub(super) struct Lit<'a> {
+    surface: &'a Surface,
+    wo_local: Vec3,
+    /// True normal on the side of the eye.
+    n: Vec3,
+    scatterings_max: u32,
+    is_broad: bool,
+    /// What most surfaces are: the same for light from everywhere.
+    lambert: Option<Rgb>,
+    on_lambert: Rgb,
+    sum: FocusedScatter,
+}
+
+impl<'a> Lit<'a> {
+    /// - `scatterings_max`: most scatterings before, of photons that count
+    pub(super) fn new(surface: &'a Surface, wo: Vec3, scatterings_max: u32) -> Lit<'a> {
+        let n_geo = surface.point.n_geo;
+        Lit {
+            surface,
+            wo_local: surface.frame.to_local(wo),
+            n: if wo.dot(n_geo) > 0.0 { n_geo } else { -n_geo },
+            scatterings_max,
+            is_broad: surface.bsdf.has_broad_gloss(),
+            lambert: match surface.bsdf {
+                Bsdf::Lambert { albedo } => Some(albedo * FRAC_1_PI),
+                _ => None,
+            },
+            on_lambert: Rgb::BLACK,
+            sum: FocusedScatter::default(),
         }
-        sum
+    }
+
+    /// Adds a photon if it fell on a surface that faces the same way.
+    ///
+    /// - `per_m2`: the share of its flux that falls on every square metre there
+    pub(super) fn add(&mut self, photon: &CausticPhoton, per_m2: f32) {
+        let normal = photon.normal;
+        if u32::from(photon.scatterings) > self.scatterings_max || normal.dot(self.n) < FACING_COS {
+            return;
+        }
+        let wi = photon.direction;
+        // Irradiance is flux on the surface as it is: the cosine of the shading normal comes for that of the true one.
+        let shading_cos = wi.dot(self.surface.frame.n);
+        let cos = wi.dot(normal).max(COS_RATIO_MIN * shading_cos.abs());
+        if !(cos > 0.0) {
+            return;
+        }
+        let irradiance = photon.flux_w * (per_m2 / cos);
+        if self.lambert.is_some() {
+            if shading_cos * self.wo_local.z > 0.0 {
+                self.on_lambert += irradiance * shading_cos.abs();
+            }
+            return;
+        }
+        let value = self.surface.bsdf.eval(self.wo_local, self.surface.frame.to_local(wi));
+        self.sum.diffuse += value.diffuse.f_cos * irradiance;
+        if self.is_broad {
+            self.sum.glossy += value.glossy.f_cos * irradiance;
+        }
+    }
+
+    /// What all of them make.
+    pub(super) fn scatter(mut self) -> FocusedScatter {
+        if let Some(per_irradiance) = self.lambert {
+            self.sum.diffuse = per_irradiance * self.on_lambert;
+        }
+        self.sum
     }
 }

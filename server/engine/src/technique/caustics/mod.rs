@@ -17,6 +17,7 @@ mod borders;
 mod map;
 mod photons;
 mod pilot;
+mod screen;
 mod targets;
 #[cfg(test)]
 mod tests;
@@ -32,6 +33,7 @@ use std::{
 
 pub use map::{CausticMap, CausticPhoton};
 pub use pilot::Sheet;
+pub use screen::CausticSketch;
 
 use self::{
     photons::{CausticTracer, Job},
@@ -81,6 +83,12 @@ impl CausticSettings {
         }
     }
 
+    /// For first pictures by [`CausticSketch`].
+    pub fn for_sketch(bounces_max: Option<u32>, seed: u64) -> CausticSettings {
+        let (photons_per_pass, photons_max) = (u32::MAX, SKETCH_PHOTONS);
+        CausticSettings { photons_per_pass, photons_max, bounces_max, seed, light: CausticLight::All }
+    }
+
     /// Memory of a map with as many photons as there may be, where they show on a surface or two.
     pub fn bytes_max(&self) -> usize {
         self.photons_max as usize * BYTES_PER_PHOTON
@@ -98,6 +106,8 @@ const PIXELS_PER_PHOTON: u32 = 2;
 const PHOTONS_LEAST: u32 = 1 << 12;
 const PHOTONS_END: u32 = 1 << 18;
 const BYTES_PER_PHOTON: usize = 256;
+/// Photons of a sketch [Larsen2004, 14].
+const SKETCH_PHOTONS: u32 = 10_000;
 /// Photons that are followed before it is asked again whether that is still wanted.
 const BATCH: u32 = 1 << 14;
 /// Photons that are tried to find how much of all light falls on mirrors and glass, and of one light at least and at most.

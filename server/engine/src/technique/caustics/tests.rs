@@ -25,7 +25,7 @@ fn settings(photons_per_pass: u32) -> CausticSettings {
     CausticSettings { photons_per_pass, photons_max: 1 << 20, ..CausticSettings::of(1, None, 3) }
 }
 
-fn world_of(scene: Scene) -> World {
+pub(super) fn world_of(scene: Scene) -> World {
     World::prepare(Arc::new(scene))
 }
 
@@ -37,12 +37,12 @@ fn next_map(caustics: &mut Caustics, world: &World) -> Option<Arc<dyn FocusedLig
     products.caustics
 }
 
-fn v(x: f64, y: f64, z: f64) -> DVec3 {
+pub(super) fn v(x: f64, y: f64, z: f64) -> DVec3 {
     DVec3::new(x, y, z)
 }
 
 /// A white ceiling of 16 m at y = 4, a square of `half` m that faces up at y = 1, and a light at (`x`, 3, 0).
-fn stage_with_mirror(half: f64, mirror: Material, kind: LightKind, x: f64) -> Stage {
+pub(super) fn stage_with_mirror(half: f64, mirror: Material, kind: LightKind, x: f64) -> Stage {
     let mut stage = Stage::default();
     let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
     let mirror = stage.material("mirror", mirror).unwrap();
@@ -54,16 +54,16 @@ fn stage_with_mirror(half: f64, mirror: Material, kind: LightKind, x: f64) -> St
     stage
 }
 
-fn mirror(reflectance: f32) -> Material {
+pub(super) fn mirror(reflectance: f32) -> Material {
     Material { base_color: Rgb::splat(reflectance), metallic: 1.0, roughness: 0.0, ..Material::default() }
 }
 
-fn point(intensity: f32) -> LightKind {
+pub(super) fn point(intensity: f32) -> LightKind {
     LightKind::Point { intensity: Rgb::splat(intensity) }
 }
 
 /// Radiance that the matt ceiling at `to` sends down of the caustics in `map`.
-fn seen_at(world: &World, map: &dyn FocusedLight, to: DVec3) -> f64 {
+pub(super) fn seen_at(world: &World, map: &dyn FocusedLight, to: DVec3) -> f64 {
     let ray = Ray::new(world.accel().to_render(to - DVec3::Y), Vec3::Y);
     let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
     f64::from(map.scattered(&surface, -ray.direction, u32::MAX).diffuse.g)

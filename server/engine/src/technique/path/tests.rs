@@ -11,10 +11,10 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     render::{Indirect, RenderSettings, Rendering},
     scene::{
-        CameraView, Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
+        CameraView, Environment, Light, LightKind, Material, Projection, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique},
+    technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique, View},
     transport::{PathClass, Scatter, Surface, World},
 };
 
@@ -425,4 +425,35 @@ fn near_glossy_surfaces_are_looked_past_without_loss() {
     let (found, expected) = (mean(&near), mean(&whole()));
     // Without the glossy lobes of near surfaces a tenth and more is missing.
     assert!((found / expected - 1.0).abs() < 0.02, "{found} for {expected}");
+}
+
+/// A point shows where the ray through that place of the picture meets it, and covers as much there as its neighbours are
+/// apart.
+#[test]
+fn points_show_where_rays_meet_them() {
+    let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
+    let perspective =
+        CameraView::look_at(DVec3::new(1.0, 2.0, 5.0), DVec3::new(0.3, 0.2, 0.1), DVec3::Y, 0.8);
+    let projection = Projection::Orthographic { half_height_m: 1.5 };
+    let orthographic = CameraView { projection, ..perspective };
+    for camera in [perspective, orthographic] {
+        let view = View::new(&world, &camera, PictureSize::new(64, 36).unwrap());
+        for (x, y, t) in [(0.5, 0.5, 3.0), (32.0, 18.0, 0.1), (63.9, 1.3, 400.0), (-70.0, 50.0, 2.0)] {
+            let at = |x: f32, y: f32| {
+                let ray = view.ray(x, y);
+                ray.origin + ray.direction * t
+            };
+            let [px, py] = view.project(at(x, y)).unwrap();
+            assert!((px - x).abs() < 1e-3 && (py - y).abs() < 1e-3, "{px} {py} for {x} {y}");
+            let (towards, pixel_m2) = view.pixel_at(at(x, y));
+            assert!((towards + view.ray(x, y).direction).length() < 1e-4);
+            let (right, down) = (at(x + 0.5, y) - at(x - 0.5, y), at(x, y + 0.5) - at(x, y - 0.5));
+            let area = right.cross(down).dot(towards).abs();
+            assert!((pixel_m2 / area - 1.0).abs() < 0.01, "{pixel_m2} m² for {area} m²");
+        }
+    }
+    let view = View::new(&world, &perspective, PictureSize::new(64, 36).unwrap());
+    let ray = view.ray(10.0, 10.0);
+    assert_eq!(view.project(ray.origin - ray.direction), None);
+    assert_eq!(view.project(ray.origin), None);
 }

@@ -64,4 +64,39 @@ impl View {
         // What a ray has met lies in front, but for a camera on that very surface rounding may put it behind.
         (self.origin - p).dot(self.back).max(0.0)
     }
+
+    /// Where a point of render space shows, px from the top left corner; `None` at the eye and behind it.
+    pub fn project(&self, p: Vec3) -> Option<[f32; 2]> {
+        let offset = p - self.origin;
+        let depth_m = -offset.dot(self.back);
+        if !(depth_m > 0.0) {
+            return None;
+        }
+        let across = offset.dot(self.right) / self.per_half(depth_m, 0);
+        let upwards = offset.dot(self.up) / self.per_half(depth_m, 1);
+        let [width, height] = [self.size.width(), self.size.height()].map(|count| count as f32);
+        Some([0.5 * (1.0 + across) * width, 0.5 * (1.0 - upwards) * height])
+    }
+
+    /// Unit direction from a point of render space to the eye, and the area that a pixel covers there of what faces it, m².
+    pub fn pixel_at(&self, p: Vec3) -> (Vec3, f32) {
+        let depth_m = self.depth_m(p);
+        let pixel_of = |axis: usize, count: u32| 2.0 * self.per_half(depth_m, axis) / count as f32;
+        let across_axis_m2 = pixel_of(0, self.size.width()) * pixel_of(1, self.size.height());
+        if !self.is_perspective {
+            return (self.back, across_axis_m2);
+        }
+        let towards = (self.origin - p).normalize_or(self.back);
+        (towards, across_axis_m2 * towards.dot(self.back).max(0.0))
+    }
+
+    /// Half the width (0) or height (1) of what is seen at some depth, m.
+    fn per_half(&self, depth_m: f32, axis: usize) -> f32 {
+        self.half_size[axis] * if self.is_perspective { depth_m } else { 1.0 }
+    }
+
+    /// Size of the picture.
+    pub fn size(&self) -> PictureSize {
+        self.size
+    }
 }

@@ -1,0 +1,287 @@
+//! Caustics of the first picture after a camera or a scene has moved: some photons, counted on the screen.
+//!
+//! Larsen's way [Larsen2004, 12]: a few thousand photons are followed once for a scene, drawn into the pixels where they show,
+//! and every pixel takes what lies in a window of pixels around it. Another camera only draws them anew. The window covers on
+//! a surface at the depth d, under the angle θ, the area (2k+1)² · A(d) / cos θ, and flux over area is irradiance.
+//!
+//! Larsen's window is the same everywhere. Here each photon has one of its own, just wide enough to hold some others: so it is
+//! narrow in a focus, and no flux is counted twice where wide ones meet narrow ones. A pixel asks one cell for the photons of
+//! each width. Tiles that no window reaches into, which are most, are skipped.
+//!
+//! **Biased**: blurs by pixels, darkens at borders, and knows nothing of what is not on the screen. What is seen in a mirror
+//! shows its caustics only where it is itself on the screen. It is for one pass, and leaves the film with the next.
+
+#[cfg(test)]
+mod tests;
+
+use std::{ops::Range, sync::Arc, time::Instant};
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    CausticPhoton, CausticReport, CausticSettings, Emission,
+    map::{FLATNESS, Lit},
+    photons::CausticTracer,
+};
+use crate::{
+    technique::{FocusedLight, FocusedScatter, View},
+    transport::{Surface, World},
+};
+
+/// Pixels on each side of the middle one of a window, in a picture of 512 × 512: 3 everywhere by [Larsen2004, 12.1]; here less in
+/// a focus, more where few photons fall.
+const HALVES_PX: [f32; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
+const HALVES_OF_PX: f32 = 512.0;
+/// Photons in a window for it not to be widened.
+const ENOUGH: u32 = 8;
+/// Binary logarithm of the width of tiles of the picture, px: those that no photon's window reaches into are skipped.
+const TILE_LOG2: u32 = 3;
+/// Least cosine at which a surface is seen: further away than it says, photons do not count.
+const COS_MIN: f32 = 0.1;
+
+/// Photons of a scene's caustics, for whatever camera.
+#[derive(Debug)]
+pub struct CausticSketch {
+    photons: Vec<CausticPhoton>,
+    report: CausticReport,
+}
+
+impl CausticSketch {
+    /// Follows them. Takes some milliseconds.
+    ///
+    /// - `settings`: with as many photons as there are to be, [`CausticSettings::for_sketch`]
+    pub fn of(world: &World, settings: &CausticSettings) -> CausticSketch {
+        let start = Instant::now();
+        let emission = Emission::of(world, settings);
+        let tracer = CausticTracer { world, aim: &emission.aim, settings };
+        let mut photons = Vec::new();
+        let traced = tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
+        let report = CausticReport {
+            seconds: start.elapsed().as_secs_f64(),
+            photons_emitted: traced.photons,
+            photons_stored: photons.len() as u64,
+            bytes: photons.len() * size_of::<CausticPhoton>(),
+        };
+        CausticSketch { photons, report }
+    }
+
+    /// What it took and holds.
+    pub fn report(&self) -> CausticReport {
+        self.report
+    }
+
+    /// As a camera sees them.
+    pub fn seen_by(&self, view: &View) -> Arc<dyn FocusedLight> {
+        Arc::new(ScreenCaustics::of(&self.photons, view))
+    }
+}
+
+/// Photons in the pixels where they show, were nothing in between.
+#[derive(Debug)]
+struct ScreenCaustics {
+    view: View,
+    photons: Vec<CausticPhoton>,
+    /// By the widths of windows.
+    levels: Vec<Level>,
+    /// Tiles in a row, and of each whether any photon's window reaches into it.
+    tile_columns: usize,
+    tiles: Vec<bool>,
+}
+
+/// Photons with windows of one width, by cells of about half that width.
+#[derive(Debug)]
+struct Level {
+    /// Pixels on each side of the middle one.
+    half_px: i32,
+    /// Binary logarithm of the width of a cell, px.
+    cell_log2: u32,
+    /// Cells in a row.
+    columns: i32,
+    /// Where the photons of each cell begin; one more than there are cells, and one that is not used.
+    starts: Vec<u32>,
+    /// In every cell that their windows reach into.
+    placed: Vec<Placed>,
+}
+
+/// A photon in its pixel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Placed {
+    pixel: [i32; 2],
+    position: Vec3,
+    /// Place among all.
+    photon: u32,
+}
+
+impl ScreenCaustics {
+    fn of(all: &[CausticPhoton], view: &View) -> ScreenCaustics {
+        let size = view.size();
+        let extent = [size.width(), size.height()].map(|count| count as i32);
+        let times = (size.pixel_count() as f32).sqrt() / HALVES_OF_PX;
+        let halves_px = HALVES_PX.map(|half| (half * times).round() as i32);
+        let margin = halves_px.into_iter().max().unwrap_or(0);
+        // Windows of photons beyond the borders reach into the picture.
+        let is_near = |[x, y]: [i32; 2]| {
+            (-margin..extent[0] + margin).contains(&x) && (-margin..extent[1] + margin).contains(&y)
+        };
+        let near = |photon: &CausticPhoton| {
+            let pixel = pixel_of(view, photon.position).filter(|pixel| is_near(*pixel))?;
+            Some((pixel, *photon))
+        };
+        let (pixels, photons): (Vec<[i32; 2]>, Vec<CausticPhoton>) = all.iter().filter_map(near).unzip();
+        let counts = Counts::of(&pixels, extent, margin);
+        let mut by_level = HALVES_PX.map(|_| Vec::new());
+        for (photon, pixel) in (0..).zip(pixels) {
+            let is_enough = |half_px: &i32| counts.within(pixel, *half_px) >= ENOUGH;
+            let level = halves_px.iter().position(is_enough).unwrap_or(halves_px.len() - 1);
+            by_level[level].push(Placed { pixel, position: photons[photon as usize].position, photon });
+        }
+        let [tile_columns, tile_rows] = extent.map(|count| ((count - 1) >> TILE_LOG2) as usize + 1);
+        let mut tiles = vec![false; tile_columns * tile_rows];
+        for (placed, half_px) in by_level.iter().zip(halves_px) {
+            for [across, down] in
+                placed.iter().map(|placed| reached(placed.pixel, half_px, extent, TILE_LOG2))
+            {
+                down.for_each(|row| {
+                    let row = row as usize * tile_columns;
+                    tiles[row + across.start as usize..row + across.end as usize].fill(true);
+                });
+            }
+        }
+        let levels =
+            by_level.par_iter().zip(halves_px).map(|(placed, half_px)| Level::of(half_px, extent, placed));
+        ScreenCaustics { view: *view, photons, levels: levels.collect(), tile_columns, tiles }
+    }
+}
+
+/// The pixel where a point shows; far outside it may be any that is outside.
+fn pixel_of(view: &View, p: Vec3) -> Option<[i32; 2]> {
+    Some(view.project(p)?.map(|at| at.floor() as i32))
+}
+
+impl Level {
+    fn of(half_px: i32, extent: [i32; 2], all: &[Placed]) -> Level {
+        let cell_log2 = (half_px.max(1) as u32).ilog2();
+        let [columns, rows] = extent.map(|count| ((count - 1) >> cell_log2) + 1);
+        let (mut starts, mut placed) = (vec![0; columns as usize * rows as usize + 2], Vec::new());
+        let cells = |placed: &Placed| {
+            let [across, down] = reached(placed.pixel, half_px, extent, cell_log2);
+            down.flat_map(move |row| across.clone().map(move |column| (row * columns + column) as usize))
+        };
+        for photon in all {
+            cells(photon).for_each(|cell| starts[cell + 2] += 1);
+        }
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += *start;
+            *start = sum;
+        }
+        placed.resize(sum as usize, Placed::default());
+        // The start of the next cell is where the next photon of this one goes, until it has all of them.
+        for photon in all {
+            for cell in cells(photon) {
+                placed[starts[cell + 1] as usize] = *photon;
+                starts[cell + 1] += 1;
+            }
+        }
+        Level { half_px, cell_log2, columns, starts, placed }
+    }
+
+    /// Photons whose windows may hold a pixel of the picture.
+    fn in_cell_of(&self, [x, y]: [i32; 2]) -> &[Placed] {
+        let cell = ((y >> self.cell_log2) * self.columns + (x >> self.cell_log2)) as usize;
+        &self.placed[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+    }
+}
+
+/// Columns and rows of squares in a picture that a window around a pixel reaches into.
+fn reached(pixel: [i32; 2], half_px: i32, extent: [i32; 2], square_log2: u32) -> [Range<i32>; 2] {
+    [0, 1].map(|axis| {
+        let (first, last) = ((pixel[axis] - half_px).max(0), (pixel[axis] + half_px).min(extent[axis] - 1));
+        // Before the picture's first pixel there is no square.
+        if last < first { 0..0 } else { first >> square_log2..(last >> square_log2) + 1 }
+    })
+}
+
+/// How many photons there are in any window: a summed-area table [Crow1984].
+struct Counts {
+    margin: i32,
+    /// Pixels with the margin.
+    extent: [i32; 2],
+    /// Photons above and left of every pixel's corner: one more column and row than pixels.
+    above_left: Vec<u32>,
+}
+
+impl Counts {
+    fn of(pixels: &[[i32; 2]], extent: [i32; 2], margin: i32) -> Counts {
+        let extent = extent.map(|count| count + 2 * margin);
+        let [columns, rows] = extent.map(|count| count as usize + 1);
+        let mut above_left = vec![0; columns * rows];
+        for [x, y] in pixels {
+            above_left[(y + margin + 1) as usize * columns + (x + margin + 1) as usize] += 1;
+        }
+        for row in 1..rows {
+            let mut of_row = 0;
+            for column in 1..columns {
+                of_row += above_left[row * columns + column];
+                above_left[row * columns + column] = above_left[(row - 1) * columns + column] + of_row;
+            }
+        }
+        Counts { margin, extent, above_left }
+    }
+
+    /// Photons in a window around a pixel.
+    fn within(&self, pixel: [i32; 2], half_px: i32) -> u32 {
+        let [width, height] = self.extent;
+        let [x, y] = pixel.map(|at| at + self.margin);
+        let [left, right] = [(x - half_px).max(0), (x + half_px + 1).min(width)];
+        let [top, bottom] = [(y - half_px).max(0), (y + half_px + 1).min(height)];
+        let at = |x: i32, y: i32| self.above_left[y as usize * (width as usize + 1) + x as usize];
+        at(right, bottom) + at(left, top) - at(right, top) - at(left, bottom)
+    }
+}
+
+impl FocusedLight for ScreenCaustics {
+    fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
+        let p = surface.point.position;
+        let size = self.view.size();
+        let is_inside =
+            |[x, y]: [i32; 2]| x >= 0 && y >= 0 && (x as u32) < size.width() && (y as u32) < size.height();
+        let is_lit = |[x, y]: [i32; 2]| {
+            self.tiles[(y >> TILE_LOG2) as usize * self.tile_columns + (x >> TILE_LOG2) as usize]
+        };
+        let pixel = pixel_of(&self.view, p).filter(|pixel| is_inside(*pixel));
+        let Some(pixel) = pixel.filter(|pixel| is_lit(*pixel)) else {
+            return FocusedScatter::default();
+        };
+        let n = surface.point.n_geo;
+        let (towards_eye, pixel_m2) = self.view.pixel_at(p);
+        let cos = towards_eye.dot(n).abs().max(COS_MIN);
+        let mut lit = Lit::new(surface, wo, scatterings_max);
+        for level in &self.levels {
+            let in_cell = level.in_cell_of(pixel);
+            if in_cell.is_empty() {
+                continue;
+            }
+            let width = (2 * level.half_px + 1) as f32;
+            let per_m2 = cos / (width * width * pixel_m2);
+            // What shows there lies on the same sheet of the same surface, not behind it.
+            let across_m = width * pixel_m2.sqrt();
+            let (above_end_m, along2_end_m2) = (across_m / FLATNESS, across_m * across_m / (cos * cos));
+            if !per_m2.is_finite() {
+                continue;
+            }
+            for placed in in_cell {
+                let is_far = |axis: usize| (placed.pixel[axis] - pixel[axis]).abs() > level.half_px;
+                if is_far(0) || is_far(1) {
+                    continue;
+                }
+                let away = placed.position - p;
+                if away.dot(n).abs() < above_end_m && away.length_squared() < along2_end_m2 {
+                    lit.add(&self.photons[placed.photon as usize], per_m2);
+                }
+            }
+        }
+        lit.scatter()
+    }
+}
