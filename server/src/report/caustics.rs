@@ -41,7 +41,7 @@ const SCENE: Column = Column::given("scene", "scene");
 const PHOTON_COUNT: Column = Column::given("photons", "photons a frame");
 const STORED: Column = Column::here("stored", "on diffuse surfaces", "");
 const PREPARE_MS: Column = Column::here("prepare_ms", "photons and map", "ms");
-const LOOK_UP_MS: Column = Column::here("look_up_ms", "a look-up in every pixel", "ms");
+const LOOK_UP_MS: Column = Column::here("look_up_ms", "a look-up in every pixel, all threads at it", "ms");
 const SKETCH_MS: Column = Column::here("sketch_ms", "photons for the screen", "ms");
 const SCREEN_MS: Column = Column::here("screen_ms", "drawn and filtered there", "ms");
 const BYTES: Column = Column::here("bytes", "memory", "kB");
@@ -105,14 +105,16 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         look_up += seen.look_up(&prepared.world, &*map);
     }
     let CausticReport { photons_stored, bytes, .. } = caustics.report();
-    let (mut sketching, mut filtering) = (Duration::ZERO, Duration::ZERO);
+    let (mut sketching, mut filtering) = (Duration::ZERO, Some(Duration::ZERO));
     for _ in 0..FRAMES {
         let start = Instant::now();
         let sketch = CausticSketch::of(&prepared.world, &of);
         sketching += start.elapsed();
         let start = Instant::now();
         let screen = sketch.seen_by(&seen.view);
-        filtering += start.elapsed() + seen.look_up(&prepared.world, &*screen);
+        let drawn = start.elapsed();
+        let filtered = screen.map(|screen| drawn + seen.look_up(&prepared.world, &*screen));
+        filtering = filtering.zip(filtered).map(|(sum, filtered)| sum + filtered);
     }
     let frames = f64::from(FRAMES);
     Ok([
@@ -123,7 +125,8 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         (LOOK_UP_MS, (1e3 * look_up.as_secs_f64() / frames).into()),
         (BYTES, (bytes as f64 * 1e-3).into()),
         (SKETCH_MS, (1e3 * sketching.as_secs_f64() / frames).into()),
-        (SCREEN_MS, (1e3 * filtering.as_secs_f64() / frames).into()),
+        // Where few photons show from near they are not used.
+        (SCREEN_MS, filtering.map_or(Cell::from("–"), |sum| (1e3 * sum.as_secs_f64() / frames).into())),
     ]
     .map(|(column, cell)| (column.key.to_string(), cell))
     .into())
@@ -157,7 +160,7 @@ impl Seen {
         Seen { view, hits: seen.collect() }
     }
 
-    /// Looks caustics up there; returns how long that took on all threads.
+    /// Looks caustics up there; returns how long that took, were all threads at it all the time.
     fn look_up(&self, world: &World, map: &dyn FocusedLight) -> Duration {
         let of_some = |hits: &[(Hit, Vec3)]| {
             let surface_of = |(hit, direction): &(Hit, Vec3)| (world.surface(hit, *direction), -*direction);

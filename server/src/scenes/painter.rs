@@ -30,13 +30,6 @@ const LEARNING_SECONDS: f64 = 0.2;
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
-/// What the caustics of first pictures depend on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct SketchKey {
-    light_revision: u64,
-    bounces_max: Option<u32>,
-}
-
 /// Draws for one scene.
 #[derive(Debug)]
 pub(super) struct Painter {
@@ -45,8 +38,9 @@ pub(super) struct Painter {
     drawings: Vec<Drawing>,
     /// What is known of the scene's light.
     lighting: Lighting,
-    /// Photons of its caustics, and what they are of.
-    sketch: Option<(SketchKey, Arc<CausticSketch>)>,
+    /// Its caustics for first pictures, by the bound on bounces, with the light revision that they are of: as many as viewers
+    /// ask for.
+    sketches: HashMap<Option<u32>, (u64, Arc<CausticSketch>)>,
     speed: Speed,
     /// Of quick passes alone: small pictures keep all cores busy less well than large ones.
     quick_speed: Speed,
@@ -72,7 +66,7 @@ impl Painter {
             films: HashMap::new(),
             drawings: Vec::new(),
             lighting: Lighting::default(),
-            sketch: None,
+            sketches: HashMap::new(),
             speed: Speed::default(),
             quick_speed: Speed::default(),
             turn: 0,
@@ -85,6 +79,9 @@ impl Painter {
     pub(super) fn run(mut self) {
         while let Some(viewers) = self.look_at_board() {
             self.films.retain(|id, _| viewers.iter().any(|viewer| viewer.id() == *id));
+            self.sketches.retain(|bounces_max, _| {
+                self.films.values().any(|film| film.key.bounces_max == *bounces_max)
+            });
             self.settle_drawings();
             let snapshot = self.scene.snapshot();
             self.follow_light(&viewers, &snapshot);
@@ -360,11 +357,13 @@ impl Painter {
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
-                if let Some(sketch) = self.sketch(snapshot, &self.settings_of(wish)) {
-                    layer.rendering.begin_with(sketch);
-                }
                 let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
                 let (before, started) = (layer.rendering.sample_count(), Instant::now());
+                if layer.rendering.takes_sketch()
+                    && let Some(sketch) = self.sketch(snapshot, &self.settings_of(wish))
+                {
+                    layer.rendering.begin_with(sketch);
+                }
                 let complete =
                     self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
                 let samples = layer.rendering.sample_count() - before;
@@ -400,13 +399,19 @@ impl Painter {
 
     /// The caustics of first pictures, followed once for all cameras that look at a scene.
     fn sketch(&mut self, snapshot: &Snapshot, settings: &RenderSettings) -> Option<Arc<CausticSketch>> {
-        let key = SketchKey { light_revision: snapshot.light_revision, bounces_max: settings.bounces_max };
-        if self.sketch.as_ref().is_none_or(|(known, _)| *known != key) {
-            let pool = &self.scene.workshop.drawing_pool;
-            let sketch = pool.install(|| settings.sketch(&snapshot.world, &snapshot.plan));
-            self.sketch = sketch.map(|sketch| (key, Arc::new(sketch)));
+        let revision = snapshot.light_revision;
+        self.sketches.retain(|_, (of, _)| *of == revision);
+        if let Some((_, sketch)) = self.sketches.get(&settings.bounces_max) {
+            return Some(sketch.clone());
         }
-        self.sketch.as_ref().map(|(_, sketch)| sketch.clone())
+        let workshop = &self.scene.workshop;
+        let sketch = workshop
+            .drawing_pool
+            .install(|| settings.sketch(&snapshot.world, &snapshot.plan))
+            .map(Arc::new)?;
+        workshop.metrics.rays.add(sketch.rays());
+        self.sketches.insert(settings.bounces_max, (revision, sketch.clone()));
+        Some(sketch)
     }
 
     fn layer(

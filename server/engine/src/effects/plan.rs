@@ -145,23 +145,28 @@ fn effects(facts: &SceneFacts) -> Vec<Effect> {
 }
 
 fn caustics(facts: &SceneFacts) -> Effect {
+    let senders = [(facts.mirror, "mirrors"), (facts.glossy, "glosses"), (facts.glass, "glass")];
+    let senders: Vec<&str> = senders.iter().filter(|(count, _)| *count > 0).map(|(_, name)| *name).collect();
+    let senders = senders.join(" and ");
     let (is_on, reason) = if !facts.is_lit() {
-        (false, "nothing sends out light")
+        (false, "nothing sends out light".into())
     } else if !facts.is_specular() {
-        (false, "all surfaces scatter diffusely: none is a mirror, glossy or glass")
+        (false, "all surfaces scatter diffusely: none is a mirror, glossy or glass".into())
     } else if facts.diffuse == 0 && facts.glossy > 0 && facts.hides_light() {
-        (true, "mirrors or glass send the light of lamps without size on to glosses: photons alone find it")
-    } else if facts.diffuse == 0 {
-        (false, "no diffuse surface for focused light to fall on")
-    } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
         (
             true,
-            "mirrors, glosses or glass send the light of lamps without size on to diffuse surfaces: photons alone find it",
+            "mirrors or glass send the light of lamps without size on to glosses: photons alone find it"
+                .into(),
         )
+    } else if facts.diffuse == 0 {
+        (false, "no diffuse surface for focused light to fall on".into())
+    } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
+        let light = "the light of lamps without size";
+        (true, format!("{senders} send {light} on to diffuse surfaces: photons alone find it"))
     } else {
-        (true, "mirrors, glosses or glass send light on to diffuse surfaces: photons are aimed at them")
+        (true, format!("{senders} send light on to diffuse surfaces: photons are aimed there"))
     };
-    Effect { kind: EffectKind::Caustics, is_on, reason: reason.into() }
+    Effect { kind: EffectKind::Caustics, is_on, reason }
 }
 
 fn indirect(facts: &SceneFacts) -> Effect {

@@ -110,7 +110,8 @@ impl RenderSettings {
         // Of hidden light each film has its own, and each half of the measure.
         let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
-        films * pixel_count * Film::BYTES_PER_PIXEL + maps * of.bytes_max()
+        let light = (maps * of.bytes_max()).max(CausticSketch::bytes_max(pixel_count));
+        films * pixel_count * Film::BYTES_PER_PIXEL + if maps > 0 { light } else { 0 }
     }
 
     /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
@@ -251,9 +252,17 @@ impl Rendering {
         }
     }
 
-    /// Draws the first pass with a sketch of the caustics, so that nothing is waited for; the next one replaces them.
+    /// A sketch of the caustics would be shown: there are any, and nothing is drawn yet.
+    pub fn takes_sketch(&self) -> bool {
+        self.caustics.is_some() && self.technique.asks() && self.film.passes_max() == 0
+    }
+
+    /// Draws the first pass with a sketch of the caustics instead of waiting for photons of its own, if it
+    /// [takes one](Rendering::takes_sketch); the next one replaces them.
     pub fn begin_with(&mut self, sketch: Arc<CausticSketch>) {
-        self.sketch = Some(sketch).filter(|_| self.caustics.is_some() && self.film.passes_max() == 0);
+        if self.takes_sketch() {
+            self.sketch = Some(sketch);
+        }
     }
 
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
@@ -280,16 +289,17 @@ impl Rendering {
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
         let pass = pass_of(&self.film);
-        let sketch = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
-        if sketch.is_some() {
+        let withdrawn = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
+        if withdrawn.is_some() {
             self.film.outdate(&[PathClass::Caustic], Outdated::Wrong);
         }
-        let (products, prepared) = match (&mut self.caustics, &self.sketch) {
-            (Some(_), Some(sketch)) => {
-                let seen = Products { caustics: Some(sketch.seen_by(&self.view)), ..Products::default() };
+        let sketched = self.sketch.as_ref().and_then(|sketch| sketch.seen_by(&self.view));
+        let (products, prepared) = match (&mut self.caustics, sketched) {
+            (Some(_), Some(caustics)) => {
+                let seen = Products { caustics: Some(caustics), ..Products::default() };
                 (seen, Progress { complete: true, ..Progress::default() })
             }
-            (Some(caustics), None) if self.technique.asks() => {
+            (Some(caustics), _) if self.technique.asks() => {
                 let progress = caustics.prepare(&self.world, pass, cancel);
                 (Products { caustics: caustics.map(), ..Products::default() }, progress)
             }

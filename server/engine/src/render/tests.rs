@@ -632,10 +632,33 @@ fn a_sketch_of_caustics_is_for_the_first_pass_alone() {
         (0..2).for_each(|_| assert!(rendering.step(&never).complete));
         (first, rendering.film().layer(PathClass::Caustic))
     });
+    // Cut short, it goes on with the same sketch.
+    let mut cut = Rendering::with((world.clone(), &plan), view, size, settings, None);
+    let sketch = Arc::new(settings.sketch(&world, &plan).unwrap());
+    cut.begin_with(sketch.clone());
+    assert!(!cut.step(&AtomicBool::new(true)).complete);
+    cut.begin_with(sketch);
+    assert!(cut.step(&never).complete && !cut.takes_sketch());
+    assert!(cut.film().layer(PathClass::Caustic) == pictures[1].0);
     let mean = |layer: &[Rgb]| layer.iter().map(|value| value.luminance()).sum::<f32>() / layer.len() as f32;
     let [photons, sketch, bright] = pictures.each_ref().map(|(first, _)| mean(first));
     assert!((sketch / photons - 1.0).abs() < 0.15, "{sketch} sketched, {photons} by photons of its own");
     assert!((bright / sketch / 100.0 - 1.0).abs() < 0.01, "{bright} for {sketch}");
     assert!(pictures[1].1 == pictures[2].1);
     assert!((mean(&pictures[1].1) / mean(&pictures[0].1) - 1.0).abs() < 0.1);
+}
+
+/// Where everything is path-traced until something is known, no sketch is followed or shown.
+#[test]
+fn chains_take_no_sketch_before_anything_is_known() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let plan = EffectPlan::of(world.scene());
+    let takes = |indirect| {
+        let settings = RenderSettings { indirect, ..RenderSettings::default() };
+        let size = PictureSize::new(8, 8).unwrap();
+        Rendering::with((world.clone(), &plan), world.scene().default_view(), size, settings, None)
+            .takes_sketch()
+    };
+    assert!(takes(Indirect::Irradiance) && takes(Indirect::Octree));
+    assert!(!takes(Indirect::Auto) && !takes(Indirect::Path) && !takes(Indirect::None));
 }

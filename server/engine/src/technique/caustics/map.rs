@@ -2,7 +2,7 @@
 //!
 //! A photon of flux Φ and radius r adds Φ · 2/(πr²) · (1 − d²/r²) to the irradiance at the distance d on a surface that faces
 //! its way [Silverman1986, 4.2]: all of its flux, on a plane. Photons of about one radius lie in one grid, in every cell that
-//! their blurs reach: a look-up asks one cell of each.
+//! their blurs reach: a look-up asks one cell of each. What a surface sends on of a photon (`Lit`) is the same on the screen.
 
 use std::f32::consts::{FRAC_1_PI, FRAC_2_PI};
 

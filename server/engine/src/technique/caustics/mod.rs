@@ -6,6 +6,8 @@
 //! far a photon is blurred follows from how close photons lay in a first map: little in a focus, more where few fall
 //! [Larsen2004, 12; Silverman1986, 5.3].
 //!
+//! First pictures after a camera has moved have them from fewer photons, counted on the screen (`screen/`).
+//!
 //! Photons carry as much flux each as if all lights had sent them out blindly: what this costs is in proportion to the share
 //! of the light that falls on mirrors and glass. Where there are none it costs nothing.
 //!
@@ -36,7 +38,7 @@ pub use pilot::Sheet;
 pub use screen::CausticSketch;
 
 use self::{
-    photons::{CausticTracer, Job},
+    photons::{CausticTracer, Job, Traced},
     pilot::Pilot,
 };
 use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique};
@@ -370,9 +372,13 @@ impl Technique for Caustics {
 
 /// Photons of pass 0, for measuring: as they fall, without a map.
 pub fn photons_of_a_pass(world: &World, settings: &CausticSettings) -> Vec<CausticPhoton> {
+    first_pass(world, settings).0
+}
+
+fn first_pass(world: &World, settings: &CausticSettings) -> (Vec<CausticPhoton>, Traced) {
     let emission = Emission::of(world, settings);
     let tracer = CausticTracer { world, aim: &emission.aim, settings };
     let mut photons = Vec::new();
-    tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
-    photons
+    let traced = tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
+    (photons, traced)
 }

@@ -1,28 +1,29 @@
 //! Caustics of the first picture after a camera or a scene has moved: some photons, counted on the screen.
 //!
-//! Larsen's way [Larsen2004, 12]: a few thousand photons are followed once for a scene, drawn into the pixels where they show,
+//! Larsen's way [Larsen2004, 12]: a few thousand photons are followed once for a scene, drawn into the pixels they lie behind,
 //! and every pixel takes what lies in a window of pixels around it. Another camera only draws them anew. The window covers on
 //! a surface at the depth d, under the angle θ, the area (2k+1)² · A(d) / cos θ, and flux over area is irradiance.
 //!
-//! Larsen's window is the same everywhere. Here each photon has one of its own, just wide enough to hold some others: so it is
-//! narrow in a focus, and no flux is counted twice where wide ones meet narrow ones. A pixel asks one cell for the photons of
+//! Larsen's window is the same everywhere, weighs its middle more, and counts photons that nothing hides. Here each photon has a
+//! window of its own, about as wide as it takes to hold some others: so it is narrow in a focus, and no flux is counted twice
+//! where wide ones meet narrow ones. All of it weighs the same, and what lies on other surfaces is told by where it lies. A pixel asks one cell for the photons of
 //! each width. Tiles that no window reaches into, which are most, are skipped.
 //!
 //! **Biased**: blurs by pixels, darkens at borders, and knows nothing of what is not on the screen. What is seen in a mirror
-//! shows its caustics only where it is itself on the screen. It is for one pass, and leaves the film with the next.
+//! shows its caustics only where it is itself on the screen. Seen from so near that few photons lie in the widest window, it is
+//! no use, and not used. It is for one pass, and leaves the film with the next.
 
 #[cfg(test)]
 mod tests;
 
-use std::{ops::Range, sync::Arc, time::Instant};
+use std::{f32::consts::SQRT_2, ops::Range, sync::Arc, time::Instant};
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    CausticPhoton, CausticReport, CausticSettings, Emission,
+    CausticPhoton, CausticReport, CausticSettings,
     map::{FLATNESS, Lit},
-    photons::CausticTracer,
 };
 use crate::{
     technique::{FocusedLight, FocusedScatter, View},
@@ -37,7 +38,15 @@ const HALVES_OF_PX: f32 = 512.0;
 const ENOUGH: u32 = 8;
 /// Binary logarithm of the width of tiles of the picture, px: those that no photon's window reaches into are skipped.
 const TILE_LOG2: u32 = 3;
-/// Least cosine at which a surface is seen: further away than it says, photons do not count.
+/// Binary logarithm of the least width of cells, px: each pixel a cell would cost more than it saves.
+const CELL_LOG2_MIN: u32 = 2;
+/// Memory for every pixel of a picture, at most: what counts photons in windows.
+const BYTES_PER_PIXEL: usize = 5;
+/// Share of the flux in windows that hold few photons, in a picture of which photons on the screen are no fit estimate: seen from
+/// near, one would stand alone.
+const SPARSE_SHARE: f32 = 0.5;
+/// Least cosine at which all of a window counts. Seen at less, photons far away on the same surface do not: windows are as long
+/// as at this one, and cover what that leaves.
 const COS_MIN: f32 = 0.1;
 
 /// Photons of a scene's caustics, for whatever camera.
@@ -45,25 +54,33 @@ const COS_MIN: f32 = 0.1;
 pub struct CausticSketch {
     photons: Vec<CausticPhoton>,
     report: CausticReport,
+    rays: u64,
 }
 
 impl CausticSketch {
-    /// Follows them. Takes some milliseconds.
+    /// Follows them. Takes some milliseconds, and more where photons bounce on and on.
     ///
     /// - `settings`: with as many photons as there are to be, [`CausticSettings::for_sketch`]
     pub fn of(world: &World, settings: &CausticSettings) -> CausticSketch {
         let start = Instant::now();
-        let emission = Emission::of(world, settings);
-        let tracer = CausticTracer { world, aim: &emission.aim, settings };
-        let mut photons = Vec::new();
-        let traced = tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
+        let (photons, traced) = super::first_pass(world, settings);
         let report = CausticReport {
             seconds: start.elapsed().as_secs_f64(),
             photons_emitted: traced.photons,
             photons_stored: photons.len() as u64,
             bytes: photons.len() * size_of::<CausticPhoton>(),
         };
-        CausticSketch { photons, report }
+        CausticSketch { photons, report, rays: traced.rays }
+    }
+
+    /// Rays that it took.
+    pub fn rays(&self) -> u64 {
+        self.rays
+    }
+
+    /// Memory of a picture of so many pixels that is drawn with one, at most, without that of the sketch.
+    pub fn bytes_max(pixel_count: usize) -> usize {
+        pixel_count * BYTES_PER_PIXEL
     }
 
     /// What it took and holds.
@@ -71,13 +88,13 @@ impl CausticSketch {
         self.report
     }
 
-    /// As a camera sees them.
-    pub fn seen_by(&self, view: &View) -> Arc<dyn FocusedLight> {
-        Arc::new(ScreenCaustics::of(&self.photons, view))
+    /// As a camera sees them; `None` where it sees too few of them from too near.
+    pub fn seen_by(&self, view: &View) -> Option<Arc<dyn FocusedLight>> {
+        Some(Arc::new(ScreenCaustics::of(&self.photons, view)?))
     }
 }
 
-/// Photons in the pixels where they show, were nothing in between.
+/// Photons in their pixels.
 #[derive(Debug)]
 struct ScreenCaustics {
     view: View,
@@ -89,7 +106,7 @@ struct ScreenCaustics {
     tiles: Vec<bool>,
 }
 
-/// Photons with windows of one width, by cells of about half that width.
+/// Photons with windows of one width, by cells of about half that width, or a few pixels.
 #[derive(Debug)]
 struct Level {
     /// Pixels on each side of the middle one.
@@ -114,7 +131,7 @@ struct Placed {
 }
 
 impl ScreenCaustics {
-    fn of(all: &[CausticPhoton], view: &View) -> ScreenCaustics {
+    fn of(all: &[CausticPhoton], view: &View) -> Option<ScreenCaustics> {
         let size = view.size();
         let extent = [size.width(), size.height()].map(|count| count as i32);
         let times = (size.pixel_count() as f32).sqrt() / HALVES_OF_PX;
@@ -131,11 +148,19 @@ impl ScreenCaustics {
         let (pixels, photons): (Vec<[i32; 2]>, Vec<CausticPhoton>) = all.iter().filter_map(near).unzip();
         let counts = Counts::of(&pixels, extent, margin);
         let mut by_level = HALVES_PX.map(|_| Vec::new());
+        let (mut flux_w, mut sparse_w) = (0.0, 0.0);
         for (photon, pixel) in (0..).zip(pixels) {
+            let CausticPhoton { position, flux_w: of_photon, .. } = photons[photon as usize];
             let is_enough = |half_px: &i32| counts.within(pixel, *half_px) >= ENOUGH;
-            let level = halves_px.iter().position(is_enough).unwrap_or(halves_px.len() - 1);
-            by_level[level].push(Placed { pixel, position: photons[photon as usize].position, photon });
+            let level = halves_px.iter().position(is_enough);
+            flux_w += of_photon.luminance();
+            sparse_w += if level.is_none() { of_photon.luminance() } else { 0.0 };
+            by_level[level.unwrap_or(halves_px.len() - 1)].push(Placed { pixel, position, photon });
         }
+        if sparse_w > SPARSE_SHARE * flux_w {
+            return None;
+        }
+        drop(counts);
         let [tile_columns, tile_rows] = extent.map(|count| ((count - 1) >> TILE_LOG2) as usize + 1);
         let mut tiles = vec![false; tile_columns * tile_rows];
         for (placed, half_px) in by_level.iter().zip(halves_px) {
@@ -150,7 +175,7 @@ impl ScreenCaustics {
         }
         let levels =
             by_level.par_iter().zip(halves_px).map(|(placed, half_px)| Level::of(half_px, extent, placed));
-        ScreenCaustics { view: *view, photons, levels: levels.collect(), tile_columns, tiles }
+        Some(ScreenCaustics { view: *view, photons, levels: levels.collect(), tile_columns, tiles })
     }
 }
 
@@ -161,7 +186,7 @@ fn pixel_of(view: &View, p: Vec3) -> Option<[i32; 2]> {
 
 impl Level {
     fn of(half_px: i32, extent: [i32; 2], all: &[Placed]) -> Level {
-        let cell_log2 = (half_px.max(1) as u32).ilog2();
+        let cell_log2 = (half_px.max(1) as u32).ilog2().max(CELL_LOG2_MIN);
         let [columns, rows] = extent.map(|count| ((count - 1) >> cell_log2) + 1);
         let (mut starts, mut placed) = (vec![0; columns as usize * rows as usize + 2], Vec::new());
         let cells = |placed: &Placed| {
@@ -256,7 +281,7 @@ impl FocusedLight for ScreenCaustics {
         };
         let n = surface.point.n_geo;
         let (towards_eye, pixel_m2) = self.view.pixel_at(p);
-        let cos = towards_eye.dot(n).abs().max(COS_MIN);
+        let (cos, pixel_m) = (towards_eye.dot(n).abs(), pixel_m2.sqrt());
         let mut lit = Lit::new(surface, wo, scatterings_max);
         for level in &self.levels {
             let in_cell = level.in_cell_of(pixel);
@@ -264,10 +289,12 @@ impl FocusedLight for ScreenCaustics {
                 continue;
             }
             let width = (2 * level.half_px + 1) as f32;
-            let per_m2 = cos / (width * width * pixel_m2);
-            // What shows there lies on the same sheet of the same surface, not behind it.
-            let across_m = width * pixel_m2.sqrt();
-            let (above_end_m, along2_end_m2) = (across_m / FLATNESS, across_m * across_m / (cos * cos));
+            let across_m = width * pixel_m;
+            // What shows there lies on the same sheet of the same surface, not behind it: no further than corner to corner.
+            let above_end_m = (level.half_px + 1) as f32 * pixel_m / FLATNESS;
+            let along_end_m = SQRT_2 * across_m / cos.max(COS_MIN);
+            // Of a window that is longer, what is twice as long as that.
+            let per_m2 = (cos / across_m).max(0.5 / along_end_m) / across_m;
             if !per_m2.is_finite() {
                 continue;
             }
@@ -277,7 +304,7 @@ impl FocusedLight for ScreenCaustics {
                     continue;
                 }
                 let away = placed.position - p;
-                if away.dot(n).abs() < above_end_m && away.length_squared() < along2_end_m2 {
+                if away.dot(n).abs() < above_end_m && away.length_squared() < along_end_m * along_end_m {
                     lit.add(&self.photons[placed.photon as usize], per_m2);
                 }
             }
