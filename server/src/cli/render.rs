@@ -32,6 +32,7 @@ use super::{CliError, output::print_line, scene_source::LoadedScene};
 use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_small, write_file};
 use alarm::Alarm;
 pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
+pub(super) use arguments::{parse_duration, parse_indirect};
 use interrupt::Interrupt;
 use progress::Progress;
 use snapshots::Snapshots;

@@ -1,22 +1,44 @@
 //! `lumicast report`: what accuracy costs in time, as tables, plots and files.
 
 use std::path::PathBuf;
+use std::time::Duration;
 
+use lumicast_engine::render::Indirect;
+
+use super::render::{parse_duration, parse_indirect};
 use super::{CliError, SceneSource, output::print_line};
-use crate::report::{Paper, ReportJob, measure};
+use crate::report::{Cost, Paper, Question, ReportJob, measure};
 
-/// Measure what accuracy costs in time: a paper's tables again on this machine, beside the paper's own figures.
+/// Less than this a picture is not drawn for: the first look comes then.
+const LEAST: Duration = Duration::from_millis(250);
+
+/// Measure what accuracy costs in time: every technique against a reference; or a paper's tables again on this machine.
 ///
-/// Prints the tables as Markdown; writes report.html, report.csv and report.json. A run that is stopped goes on where it
-/// was when it is started again with the same --out.
+/// Each technique draws a scene's first camera twice, for --time each, and is compared with a reference on the way: another
+/// renderer's picture from --references, or one that is path-traced first. Prints the tables as Markdown; writes report.html,
+/// report.csv and report.json. A run that is stopped goes on where it was when it is started again with the same --out.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ReportArgs {
-    /// Scenes (.glb, .gltf, .obj, builtin:boxes, builtin:cornell-box) instead of the paper's
+    /// Scenes (.glb, .gltf, .obj, builtin:boxes, builtin:cornell-box); the built-in Cornell box, or the paper's scenes,
+    /// when none is named
     #[arg(value_name = "SCENE")]
     pub(super) scene: Vec<SceneSource>,
-    /// Paper whose tables are measured again; the general report over all techniques is planned
-    #[arg(long, value_name = "PAPER")]
+    /// Paper whose tables are measured again, instead of what accuracy costs
+    #[arg(long, value_name = "PAPER", conflicts_with_all = ["indirect", "time", "peers"])]
     pub(super) paper: Option<Paper>,
+    /// Techniques: any of auto, octree, irradiance, path, none
+    #[arg(
+        long, value_name = "LIST", value_delimiter = ',', default_value = "octree,irradiance,auto,path",
+        value_parser = parse_indirect
+    )]
+    pub(super) indirect: Vec<Indirect>,
+    /// How long each picture is drawn: 8s, 1m; 0.25s at least
+    #[arg(long, value_name = "DURATION", default_value = "8s", value_parser = parse_duration)]
+    pub(super) time: Duration,
+    /// Other renderers' pictures by the clock, to stand beside ours:
+    /// {"peer": NAME, "scene": NAME, "points": [{"t": SECONDS, "exr": FILE}]} or a list of such; may be given several times
+    #[arg(long, value_name = "FILE")]
+    pub(super) peers: Vec<PathBuf>,
     /// Folder for report.html, report.csv and report.json; made when there is none
     #[arg(long, value_name = "DIR")]
     pub(super) out: PathBuf,
@@ -36,16 +58,24 @@ pub(super) fn run(args: ReportArgs) -> Result<(), CliError> {
 }
 
 fn job_of(args: ReportArgs) -> Result<ReportJob, CliError> {
-    let Some(paper) = args.paper else {
-        let message = "report: the general report over all techniques is planned but does not exist yet: \
-                       choose --paper octree, --paper larsen-maps, --paper irradiance or --paper caustics";
-        return Err(CliError::Usage(message.into()));
+    if args.time < LEAST {
+        return Err(CliError::Usage(format!("--time: give each picture {} s at least", LEAST.as_secs_f64())));
+    }
+    let mut techniques: Vec<Indirect> = Vec::new();
+    for technique in args.indirect {
+        if !techniques.contains(&technique) {
+            techniques.push(technique);
+        }
+    }
+    let question = match args.paper {
+        Some(paper) => Question::Paper(paper),
+        None => Question::Cost(Cost { techniques, time: args.time, peers: args.peers }),
     };
     if args.out.exists() && !args.out.is_dir() {
         return Err(CliError::Usage(format!("--out {}: this is not a folder", args.out.display())));
     }
     Ok(ReportJob {
-        paper,
+        question,
         scenes: args.scene,
         scenes_folder: args.scenes,
         references_folder: args.references,
@@ -59,23 +89,27 @@ mod tests {
     use crate::cli::Arguments;
     use clap::Parser;
 
-    fn args(out: PathBuf, paper: Option<Paper>) -> ReportArgs {
-        ReportArgs { scene: Vec::new(), paper, out, scenes: "s".into(), references: "r".into() }
-    }
-
-    /// The report that does not exist yet is refused with those that do; a file is no folder.
+    /// A file is no folder, and no time is too little.
     #[test]
-    fn what_does_not_exist_yet_is_refused_with_what_does() {
+    fn what_makes_no_report_is_refused() {
         let folder = tempfile::tempdir().unwrap();
-        let error = run(args(folder.path().join("out"), None)).unwrap_err();
-        assert_eq!(error.exit_code(), 2);
-        let message = error.to_string();
-        assert!(message.contains("--paper octree") && message.contains("larsen-maps"), "{message}");
-        assert!(!folder.path().join("out").exists());
         let file = folder.path().join("file");
         std::fs::write(&file, "").unwrap();
-        let error = run(args(file, Some(Paper::Octree))).unwrap_err();
+        let args = |time_ms: u64, out: PathBuf| ReportArgs {
+            scene: Vec::new(),
+            paper: None,
+            indirect: vec![Indirect::Path],
+            time: Duration::from_millis(time_ms),
+            peers: Vec::new(),
+            out,
+            scenes: "s".into(),
+            references: "r".into(),
+        };
+        let error = run(args(1000, file)).unwrap_err();
         assert!(error.exit_code() == 2 && error.to_string().contains("not a folder"), "{error}");
+        let error = run(args(100, folder.path().join("out"))).unwrap_err();
+        assert!(error.exit_code() == 2 && error.to_string().contains("--time"), "{error}");
+        assert!(!folder.path().join("out").exists());
     }
 
     /// Papers are named as documented; scenes are given by place and the folder by name.
@@ -87,6 +121,14 @@ mod tests {
             assert!(parse(&["--paper", paper, "--out", "x", "--scenes", "y", "--references", "z"]).is_ok());
         }
         assert!(parse(&["--paper", "other", "--out", "x"]).unwrap_err().to_string().contains("larsen-maps"));
+        assert!(
+            parse(&["--out", "x", "a.glb", "--indirect", "auto,path", "--time", "2s", "--peers", "s.json"])
+                .is_ok()
+        );
+        assert!(
+            parse(&["--out", "x", "--indirect", "lightmap"]).unwrap_err().to_string().contains("planned")
+        );
+        assert!(parse(&["--out", "x", "--paper", "octree", "--time", "2s"]).is_err());
         assert!(parse(&["--paper", "octree"]).is_err());
         assert!(parse(&["--paper", "octree", "--out", "x", "builtin:nothing"]).is_err());
     }

@@ -7,7 +7,7 @@ use std::{
 
 use lumicast_engine::{
     film::{ImageError, compare},
-    render::{Indirect, Learning, RenderSettings, Rendering},
+    render::{IlluminationSettings, Indirect, Learning, RenderSettings, Rendering},
 };
 
 use super::{
@@ -25,9 +25,19 @@ pub(super) struct Drawing {
 impl Drawing {
     /// Nothing drawn yet; what is learnt is learnt on the way.
     pub(super) fn begin(prepared: Prepared, indirect: Indirect) -> Drawing {
-        let learning = Learning::Alongside { until: None };
-        let settings = RenderSettings { indirect, learning, ..RenderSettings::default() };
-        let rendering = Rendering::new(prepared.world.clone(), prepared.view, prepared.size, settings);
+        let settings = RenderSettings { indirect, ..RenderSettings::default() };
+        Drawing::learning_by(prepared, settings, IlluminationSettings::of(&settings))
+    }
+
+    /// The same, with settings of its own.
+    pub(super) fn learning_by(
+        prepared: Prepared,
+        settings: RenderSettings,
+        illumination: IlluminationSettings,
+    ) -> Drawing {
+        let settings = RenderSettings { learning: Learning::Alongside { until: None }, ..settings };
+        let scene = (prepared.world.clone(), illumination);
+        let rendering = Rendering::learning_by(scene, prepared.view, prepared.size, settings);
         Drawing { prepared, rendering, spent: Duration::ZERO }
     }
 

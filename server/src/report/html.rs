@@ -1,5 +1,9 @@
 //! A report as one HTML page that needs nothing beside itself.
 
+use std::path::Path;
+
+use base64::Engine;
+
 use super::{
     Report, ReportError,
     plot::{Axis, Curve, Plot},
@@ -11,7 +15,8 @@ body{font:15px/1.5 sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;co
 h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.5rem}.wide{overflow-x:auto}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}th{vertical-align:bottom}\
-.given{text-align:left;white-space:nowrap}.paper{color:#777}figure{margin:1.5rem 0}svg{max-width:100%;height:auto}";
+.given{text-align:left;white-space:nowrap}.paper{color:#777}figure{margin:1.5rem 0}svg,img{max-width:100%;height:auto}\
+.pictures{display:flex;flex-wrap:wrap;gap:1rem}.pictures figure{margin:0;max-width:20rem}";
 
 /// What a plot of a table shows.
 struct Picture {
@@ -25,7 +30,31 @@ struct Picture {
     curves: Option<&'static str>,
 }
 
-const PICTURES: [Picture; 16] = [
+const PICTURES: [Picture; 20] = [
+    picture(super::cost::CURVES, "Error over time", ("elapsed", "s"), ("error_percent", "√relMSE, %"), None)
+        .by("curve")
+        .logarithmic(),
+    picture(
+        super::cost::CURVES,
+        "Systematic error over time",
+        ("elapsed", "s"),
+        ("systematic_percent", "√relMSE, %"),
+        None,
+    )
+    .by("curve")
+    .logarithmic(),
+    picture(super::cost::CURVES, "Noise over time", ("elapsed", "s"), ("noise_percent", "√relMSE, %"), None)
+        .by("curve")
+        .logarithmic(),
+    picture(
+        super::cost::FRONT,
+        "The least error for a time",
+        ("elapsed", "s"),
+        ("error_percent", "√relMSE, %"),
+        None,
+    )
+    .by("scene")
+    .logarithmic(),
     picture(
         "figure-13",
         "Preprocessing by depth",
@@ -178,7 +207,9 @@ impl Picture {
 }
 
 /// The page.
-pub(super) fn html(report: &Report) -> Result<String, ReportError> {
+///
+/// - `folder`: of the report's pictures
+pub(super) fn html(report: &Report, folder: &Path) -> Result<String, ReportError> {
     let mut body = format!(
         "<h1>{}</h1>\n<p>Lumicast {} on {}.</p>\n<p class=\"paper\">{}</p>\n",
         escaped(report.title),
@@ -194,6 +225,23 @@ pub(super) fn html(report: &Report) -> Result<String, ReportError> {
                 body += &format!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", plot.legend());
             }
         }
+    }
+    if !report.pictures.is_empty() {
+        body += "<h2>Pictures</h2>\n<div class=\"pictures\">\n";
+    }
+    for figure in &report.pictures {
+        let path = folder.join(&figure.file);
+        let jpeg = std::fs::read(&path).map_err(|error| ReportError::Text {
+            what: "a picture of report.html",
+            reason: format!("{}: {error}", path.display()),
+        })?;
+        let (jpeg, title) = (base64::engine::general_purpose::STANDARD.encode(jpeg), escaped(&figure.title));
+        body += &format!(
+            "<figure><img alt=\"{title}\" src=\"data:image/jpeg;base64,{jpeg}\"><figcaption>{title}</figcaption></figure>\n"
+        );
+    }
+    if !report.pictures.is_empty() {
+        body += "</div>\n";
     }
     let notes: String = report.notes.iter().map(|note| format!("<li>{}</li>\n", escaped(note))).collect();
     Ok(format!(

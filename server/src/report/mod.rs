@@ -4,11 +4,13 @@
 //! that a run that was stopped goes on where it was. `octree.rs` measures figures 13, 14 and 17 of Vivanloc 2007 (light octree),
 //! `maps.rs` and `crease.rs` tables 8.1, 8.2 and 14.1 of Larsen 2004, `irradiance.rs` table 8.2 and figure 8.11 of Gautron
 //! 2008, `caustics.rs` what caustics cost beside path tracing; `drawing.rs` draws pictures by the clock, `subject.rs` finds scenes and references,
-//! `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
+//! `cost.rs` measures what accuracy costs with each technique, `peers.rs` reads what other renderers drew, `pictures.rs` shows where
+//! the error sits. `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
 //! `csv.rs` write. Imports the engine and the command line's way to name scenes.
 
 mod accuracy;
 mod caustics;
+mod cost;
 mod crease;
 mod csv;
 mod drawing;
@@ -19,14 +21,17 @@ mod machine;
 mod maps;
 mod notebook;
 mod octree;
+mod peers;
+mod pictures;
 mod plot;
 mod subject;
 mod table;
 #[cfg(test)]
 mod tests;
 
-use std::path::PathBuf;
+use std::{path::PathBuf, time::Duration};
 
+use lumicast_engine::render::Indirect;
 use serde::Serialize;
 
 use crate::{
@@ -88,12 +93,49 @@ impl Paper {
     }
 }
 
+/// What a report answers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Question {
+    /// A paper's tables, measured again.
+    Paper(Paper),
+    /// What accuracy costs in time.
+    Cost(Cost),
+}
+
+/// What accuracy costs in time, by each technique.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cost {
+    /// The techniques.
+    pub techniques: Vec<Indirect>,
+    /// How long each picture is drawn.
+    pub time: Duration,
+    /// Files `series.json` of other renderers' pictures, to be compared with the same references.
+    pub peers: Vec<PathBuf>,
+}
+
+impl Question {
+    fn paper(&self) -> Option<Paper> {
+        match self {
+            Question::Paper(paper) => Some(*paper),
+            Question::Cost(_) => None,
+        }
+    }
+
+    fn title(&self) -> &'static str {
+        self.paper().map_or("What accuracy costs in time", Paper::title)
+    }
+
+    fn source(&self) -> &'static str {
+        self.paper().map_or("", Paper::source)
+    }
+}
+
 /// What to measure and where to put it.
 #[derive(Clone, Debug)]
 pub struct ReportJob {
-    /// The paper.
-    pub paper: Paper,
-    /// Scenes instead of the paper's.
+    /// What it answers.
+    pub question: Question,
+    /// Scenes instead of those of the question.
     pub scenes: Vec<SceneSource>,
     /// Folder of the paper's scenes, `NAME.glb`.
     pub scenes_folder: PathBuf,
@@ -182,6 +224,14 @@ pub enum ReportError {
         /// Why not.
         reason: String,
     },
+    /// Another renderer's pictures that cannot be read or compared.
+    #[error("--peers {}: {reason}", path.display())]
+    Peer {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
     /// A folder that could not be made.
     #[error("making the folder {}: {source}", path.display())]
     Folder {
@@ -215,29 +265,38 @@ pub fn measure(job: &ReportJob) -> Result<Report, ReportError> {
 fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> {
     std::fs::create_dir_all(&job.out)
         .map_err(|source| ReportError::Folder { path: job.out.clone(), source })?;
-    let (subjects, left_out) = match job.paper {
-        Paper::Octree => subject::find(job, &octree::SCENES, None),
-        Paper::LarsenMaps => subject::find(job, &crease::SCENES, Some(SceneSource::CornellBox)),
-        Paper::Irradiance => subject::find(job, &irradiance::SCENES, Some(SceneSource::CornellBox)),
-        Paper::Caustics => subject::find(job, &caustics::SCENES, Some(SceneSource::CornellBox)),
+    let wanted: &[&str] = match job.question.paper() {
+        Some(Paper::Octree) => &octree::SCENES,
+        Some(Paper::LarsenMaps) => &crease::SCENES,
+        Some(Paper::Irradiance) => &irradiance::SCENES,
+        Some(Paper::Caustics) => &caustics::SCENES,
+        None => &[],
     };
-    let settings = Settings { effort, subjects: &subjects };
-    let mut notebook = Notebook::open(job, &settings)?;
+    // Boxes are among the octree's, and always there.
+    let (subjects, left_out) = subject::find(job, wanted, Some(SceneSource::CornellBox));
+    let settings = match &job.question {
+        Question::Paper(_) => serde_json::to_value(Settings { effort, subjects: &subjects }),
+        Question::Cost(cost) => serde_json::to_value(cost::Settings::of(cost, &subjects)),
+    };
+    let settings =
+        settings.map_err(|error| ReportError::Text { what: "the settings", reason: error.to_string() })?;
+    let mut notebook = Notebook::open(job, settings)?;
     for missing in left_out {
         notebook.note(missing);
     }
     if let Some(busy) = machine::busy() {
         notebook.note(busy);
     }
-    match job.paper {
-        Paper::Octree => octree::measure(&mut notebook, &subjects, effort)?,
-        Paper::LarsenMaps => {
+    match &job.question {
+        Question::Cost(cost) => cost::measure(&mut notebook, &subjects, cost)?,
+        Question::Paper(Paper::Octree) => octree::measure(&mut notebook, &subjects, effort)?,
+        Question::Paper(Paper::LarsenMaps) => {
             maps::measure_many(&mut notebook, effort)?;
             crease::measure(&mut notebook, &subjects, effort)?;
             maps::measure_small(&mut notebook, effort)?;
         }
-        Paper::Irradiance => irradiance::measure(&mut notebook, &subjects, effort)?,
-        Paper::Caustics => caustics::measure(&mut notebook, &subjects, effort)?,
+        Question::Paper(Paper::Irradiance) => irradiance::measure(&mut notebook, &subjects, effort)?,
+        Question::Paper(Paper::Caustics) => caustics::measure(&mut notebook, &subjects, effort)?,
     }
     notebook.finish()
 }

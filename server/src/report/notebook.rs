@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::{
-    Paper, ReportError, ReportJob, Settings, csv, html,
+    Paper, ReportError, ReportJob, csv, html,
     machine::Machine,
     table::{Cells, Row, Table},
 };
@@ -17,8 +17,8 @@ use crate::images::write_file;
 pub struct Report {
     /// Ours.
     pub version: &'static str,
-    /// The paper.
-    pub paper: Paper,
+    /// The paper, where one is measured again.
+    pub paper: Option<Paper>,
     /// Title for people.
     pub title: &'static str,
     /// The paper and its machine.
@@ -31,15 +31,26 @@ pub struct Report {
     pub notes: Vec<String>,
     /// The tables.
     pub tables: Vec<Table>,
+    /// Pictures beside the report.
+    pub pictures: Vec<Figure>,
+}
+
+/// A picture in a file of its own, which the page holds as well.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figure {
+    /// Title for people.
+    pub title: String,
+    /// Name of the JPEG file beside the report.
+    pub file: String,
 }
 
 impl Report {
     /// As Markdown.
     pub fn markdown(&self) -> String {
-        let mut text = format!(
-            "# {}\n\nLumicast {} on {}.\n\n{}\n\n",
-            self.title, self.version, self.machine, self.paper_source
-        );
+        let mut text = format!("# {}\n\nLumicast {} on {}.\n\n", self.title, self.version, self.machine);
+        if !self.paper_source.is_empty() {
+            text += &format!("{}\n\n", self.paper_source);
+        }
         for table in &self.tables {
             text += &table.markdown();
             text.push('\n');
@@ -73,16 +84,17 @@ pub(super) struct Notebook {
 
 impl Notebook {
     /// An empty report of `settings`; says on standard error what is taken over from an earlier run.
-    pub(super) fn open(job: &ReportJob, settings: &Settings<'_>) -> Result<Notebook, ReportError> {
+    pub(super) fn open(job: &ReportJob, settings: Value) -> Result<Notebook, ReportError> {
         let report = Report {
             version: env!("CARGO_PKG_VERSION"),
-            paper: job.paper,
-            title: job.paper.title(),
-            paper_source: job.paper.source(),
+            paper: job.question.paper(),
+            title: job.question.title(),
+            paper_source: job.question.source(),
             machine: Machine::this(),
-            settings: serde_json::to_value(settings).map_err(not_json)?,
+            settings,
             notes: Vec::new(),
             tables: Vec::new(),
+            pictures: Vec::new(),
         };
         let path = job.out.join("report.json");
         let earlier = rows_of(&path, &report).unwrap_or_default();
@@ -101,6 +113,23 @@ impl Notebook {
         let note = note.into();
         if !self.report.notes.contains(&note) {
             self.report.notes.push(note);
+        }
+    }
+
+    /// The folder of the report.
+    pub(super) fn folder(&self) -> &Path {
+        &self.out
+    }
+
+    /// A table that was begun.
+    pub(super) fn table(&self, id: &str) -> Option<&Table> {
+        self.report.tables.iter().find(|table| table.id == id)
+    }
+
+    /// Shows a picture that lies beside the report, if it does.
+    pub(super) fn show(&mut self, title: String, file: String) {
+        if self.out.join(&file).is_file() {
+            self.report.pictures.push(Figure { title, file });
         }
     }
 
@@ -135,6 +164,14 @@ impl Notebook {
         self.save()
     }
 
+    /// Adds a row to the newest table that follows from others.
+    pub(super) fn derive(&mut self, key: &str, cells: Cells) -> Result<(), ReportError> {
+        if let Some(table) = self.report.tables.last_mut() {
+            table.rows.push(Row { key: key.into(), cells });
+        }
+        self.save()
+    }
+
     /// Writes what there is, so that a run that is stopped loses no row.
     fn save(&self) -> Result<(), ReportError> {
         Ok(write_file(&self.out.join("report.json"), &self.report.json()?)?)
@@ -144,7 +181,7 @@ impl Notebook {
     pub(super) fn finish(self) -> Result<Report, ReportError> {
         self.save()?;
         write_file(&self.out.join("report.csv"), csv::csv(&self.report).as_bytes())?;
-        write_file(&self.out.join("report.html"), html::html(&self.report)?.as_bytes())?;
+        write_file(&self.out.join("report.html"), html::html(&self.report, &self.out)?.as_bytes())?;
         eprintln!(
             "report.html, report.csv and report.json are in {}; {} rows were taken over",
             self.out.display(),

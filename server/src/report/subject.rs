@@ -47,7 +47,9 @@ pub(super) struct Prepared {
     pub(super) world: Arc<World>,
     /// What the scene calls for.
     pub(super) plan: EffectPlan,
-    /// Its first camera; all of it from the front where it has none.
+    /// Name of its first camera.
+    pub(super) camera: Option<String>,
+    /// That camera; all of it from the front where it has none.
     pub(super) view: CameraView,
     /// The reference's size, or that of a picture when none is asked for.
     pub(super) size: PictureSize,
@@ -65,6 +67,16 @@ pub(super) struct Reference {
     /// Light seen directly and direct light at the first surface.
     pub(super) direct: Vec<Rgb>,
     /// √relMSE that the noise of both makes together; `None` where nobody has measured it.
+    pub(super) noise: Option<f64>,
+}
+
+/// A picture by an independent renderer alone.
+#[derive(Debug)]
+pub(super) struct FullReference {
+    pub(super) size: PictureSize,
+    /// `[h × w]`, W/(m² sr).
+    pub(super) picture: Vec<Rgb>,
+    /// √relMSE of its own noise.
     pub(super) noise: Option<f64>,
 }
 
@@ -142,6 +154,7 @@ impl Subject {
             None => (default_size(camera.map(|(_, camera)| camera)), None),
         };
         Ok(Prepared {
+            camera: camera.map(|(name, _)| name.to_string()),
             view: view.unwrap_or_else(|| scene.default_view()),
             size,
             reference,
@@ -170,6 +183,17 @@ impl Subject {
         Ok(Some((size, Reference { full, direct: direct_picture, noise })))
     }
 
+    /// The picture of a camera alone, with the √relMSE of its noise where that is known.
+    pub(super) fn full_reference(&self, camera: &str) -> Result<Option<FullReference>, ReportError> {
+        let name = format!("{}-{camera}", self.name);
+        let path = self.references.join(format!("{name}.exr"));
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let (size, picture) = read(&path)?;
+        Ok(Some(FullReference { size, picture, noise: self.noise(&name).map(f64::sqrt) }))
+    }
+
     /// relMSE of a picture's own noise, from `noise.json` beside it.
     fn noise(&self, name: &str) -> Option<f64> {
         let json = std::fs::read(self.references.join("noise.json")).ok()?;
@@ -186,7 +210,8 @@ fn is_diffuse(scene: &Scene) -> bool {
         .all(|material| material.metallic == 0.0 && material.specular == 0.0 && material.transmission == 0.0)
 }
 
-fn read(path: &Path) -> Result<(PictureSize, Vec<Rgb>), ReportError> {
+/// The picture of an EXR file.
+pub(super) fn read(path: &Path) -> Result<(PictureSize, Vec<Rgb>), ReportError> {
     let broken = |reason: String| ReportError::Reference { path: path.to_path_buf(), reason };
     let bytes = std::fs::read(path).map_err(|error| broken(error.to_string()))?;
     decode_exr(&bytes).map_err(|error| broken(error.to_string()))

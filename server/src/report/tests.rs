@@ -1,8 +1,10 @@
 //! Reports from end to end, on the built-in boxes and with little effort.
 
-use std::path::Path;
+use std::{path::Path, time::Duration};
 
-use super::{Effort, Paper, Report, ReportJob, measure_with, table::Cell};
+use lumicast_engine::render::Indirect;
+
+use super::{Cost, Effort, Paper, Question, Report, ReportJob, measure_with, table::Cell};
 use crate::cli::scene_source::SceneSource;
 
 const LITTLE: Effort = Effort {
@@ -21,7 +23,7 @@ const LITTLE: Effort = Effort {
 fn job(paper: Paper, out: &Path) -> ReportJob {
     let missing = out.join("there is no such folder");
     ReportJob {
-        paper,
+        question: Question::Paper(paper),
         scenes: vec![SceneSource::Boxes],
         scenes_folder: missing.clone(),
         references_folder: missing,
@@ -45,6 +47,7 @@ fn check_files(report: &Report, out: &Path) {
     assert!(csv.lines().count() > 10 && csv.lines().count() <= figures + 1, "{csv}");
     assert!(csv.lines().all(|line| line.split(',').count() >= 6), "{csv}");
     let html = read("report.html");
+    let html = html.replace("src=\"data:image/jpeg;base64,", "");
     for reference in ["http", "src=", "href=", "url(", "@import", "<script", "<link"] {
         assert!(!html.contains(reference), "{reference} in {html}");
     }
@@ -131,6 +134,61 @@ fn a_report_of_caustics_is_whole() {
     assert!(stored.clone().all(|stored| stored.is_some_and(|stored| stored > 0.0)));
     let error = measure_with(&of(SceneSource::Boxes), LITTLE).unwrap_err();
     assert!(error.to_string().contains("mirrors or glass"), "{error}");
+}
+
+/// Curves of every technique with all its settings, the front and the prices that follow, what effects take, and pictures; a
+/// run that goes on measures nothing again; pictures of another renderer are compared with the same reference.
+#[test]
+fn a_report_of_cost_is_whole_and_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let cost = |peers| Cost {
+        techniques: vec![Indirect::Octree, Indirect::Auto, Indirect::Path],
+        time: Duration::from_millis(500),
+        peers,
+    };
+    let job = |peers| ReportJob {
+        question: Question::Cost(cost(peers)),
+        scenes: vec![SceneSource::CornellBox],
+        ..job(Paper::Octree, folder.path())
+    };
+    let report = measure_with(&job(vec![]), LITTLE).unwrap();
+    check_files(&report, folder.path());
+    let of = |id: &str| report.tables.iter().find(|table| table.id == id).unwrap();
+    let curves = of("curves");
+    // Two looks at four ways; effects that the built-in box has.
+    assert_eq!((of("references").rows.len(), curves.rows.len(), of("effects").rows.len()), (1, 8, 2));
+    for row in &curves.rows {
+        let figure = |key: &str| curves.cell(row, key).value().unwrap();
+        let (error, parts) =
+            (figure("error_percent"), [figure("systematic_percent"), figure("noise_percent")]);
+        assert!(error > 0.1 && error < 1000.0, "{} {error}", row.key);
+        // The mean of both errors is what they share and what they do not.
+        let sum = (parts[0].powi(2) + parts[1].powi(2)).sqrt();
+        assert!(
+            sum >= 0.999 * error && figure("megabytes") > 0.0 && figure("samples") >= 1.0,
+            "{} {sum}",
+            row.key
+        );
+    }
+    let front = of("front");
+    let errors: Vec<f64> =
+        front.rows.iter().filter_map(|row| front.cell(row, "error_percent").value()).collect();
+    assert!(!errors.is_empty() && errors.is_sorted_by(|a, b| a > b), "{errors:?}");
+    assert_eq!(of("prices").rows.len(), 5);
+    // Four pictures with their differences, in the page and beside it.
+    assert_eq!(report.pictures.len(), 8);
+    let again = measure_with(&job(vec![]), LITTLE).unwrap();
+    assert!(again.tables == report.tables && again.pictures == report.pictures, "rows were measured again");
+    let series = folder.path().join("series.json");
+    let exr = folder.path().join("cornell-box-reference.exr");
+    let text =
+        serde_json::json!({"peer": "other", "scene": "cornell-box", "points": [{"t": 0.3, "exr": exr}]});
+    std::fs::write(&series, text.to_string()).unwrap();
+    let with_peer = measure_with(&job(vec![series]), LITTLE).unwrap();
+    let table = with_peer.tables.iter().find(|table| table.id == "curves").unwrap();
+    let row = table.rows.iter().find(|row| row.key.contains("other")).unwrap();
+    assert_eq!(table.cell(row, "error_percent"), &Cell::Number(0.0));
+    assert!(table.rows.len() == 9 && with_peer.tables.iter().all(|table| !table.rows.is_empty()));
 }
 
 /// Missing scenes are named with the place they belong to, and the built-in ones stand in.

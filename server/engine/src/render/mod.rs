@@ -202,10 +202,20 @@ impl Rendering {
         size: PictureSize,
         settings: RenderSettings,
     ) -> Rendering {
+        Rendering::learning_by((world, IlluminationSettings::of(&settings)), view, size, settings)
+    }
+
+    /// The same, learning by settings of its own.
+    pub fn learning_by(
+        (world, illumination): (Arc<World>, IlluminationSettings),
+        view: CameraView,
+        size: PictureSize,
+        settings: RenderSettings,
+    ) -> Rendering {
         let plan = EffectPlan::of(world.scene());
         let rendering = Rendering::with((world, &plan), view, size, settings, None);
         let learner = rendering.learnt.map(|learnt| {
-            let mut learner = Learner::new(learnt, &settings, IlluminationSettings::of(&settings));
+            let mut learner = Learner::new(learnt, &settings, illumination);
             learner.look(0, &view, size);
             Box::new(learner)
         });

@@ -172,7 +172,7 @@ fn parse_size(value: &str) -> Result<PictureSize, String> {
     PictureSize::new(side(width)?, side(height)?).map_err(|error| error.to_string())
 }
 
-fn parse_indirect(value: &str) -> Result<Indirect, String> {
+pub(in crate::cli) fn parse_indirect(value: &str) -> Result<Indirect, String> {
     match value {
         "auto" => Ok(Indirect::Auto),
         "octree" => Ok(Indirect::Octree),
@@ -196,7 +196,7 @@ fn parse_backend(value: &str) -> Result<Backend, String> {
 }
 
 /// A number with one of the units ms, s, m, h; seconds without.
-fn parse_duration(value: &str) -> Result<Duration, String> {
+pub(in crate::cli) fn parse_duration(value: &str) -> Result<Duration, String> {
     let number_end = value.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(value.len());
     let (number, unit) = value.split_at(number_end);
     let unit_seconds = match unit {
