@@ -124,7 +124,7 @@ fn effects(facts: &SceneFacts) -> Vec<Effect> {
             kind: PunctualLights,
             is_on: facts.punctual_lights > 0,
             reason: match facts.punctual_lights {
-                0 => "no point, spot or directional light that is not black".into(),
+                0 => "no point, spot or directional light that shines".into(),
                 1 => "1 point, spot or directional light".into(),
                 count => format!("{count} point, spot or directional lights"),
             },
@@ -145,9 +145,12 @@ fn effects(facts: &SceneFacts) -> Vec<Effect> {
 }
 
 fn caustics(facts: &SceneFacts) -> Effect {
-    let senders = [(facts.mirror, "mirrors"), (facts.glossy, "glosses"), (facts.glass, "glass")];
+    let senders = [(facts.mirror, "mirrors"), (facts.glossy, "glossy surfaces"), (facts.glass, "glass")];
     let senders: Vec<&str> = senders.iter().filter(|(count, _)| *count > 0).map(|(_, name)| *name).collect();
-    let senders = senders.join(" and ");
+    let senders = match senders[..] {
+        ["glass"] => "glass sends".into(),
+        _ => format!("{} send", senders.join(" and ")),
+    };
     let (is_on, reason) = if !facts.is_lit() {
         (false, "nothing sends out light".into())
     } else if !facts.is_specular() {
@@ -162,9 +165,9 @@ fn caustics(facts: &SceneFacts) -> Effect {
         (false, "no diffuse surface for focused light to fall on".into())
     } else if facts.emissive_triangles == 0 && !facts.environment_is_lit && facts.glossy == 0 {
         let light = "the light of lamps without size";
-        (true, format!("{senders} send {light} on to diffuse surfaces: photons alone find it"))
+        (true, format!("{senders} {light} on to diffuse surfaces: photons alone find it"))
     } else {
-        (true, format!("{senders} send light on to diffuse surfaces: photons are aimed there"))
+        (true, format!("{senders} light on to diffuse surfaces: photons are aimed at what does"))
     };
     Effect { kind: EffectKind::Caustics, is_on, reason }
 }

@@ -27,7 +27,7 @@ use crate::{
         caustics::{CausticReport, CausticSettings, CausticSketch, Caustics},
         path::{PathSettings, PathTracer},
     },
-    transport::{PathClass, World},
+    transport::{PathClass, PathClasses, World},
 };
 use chain::{Measuring, Outlook, Spent, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
@@ -175,6 +175,8 @@ pub struct Rendering {
     settings: RenderSettings,
     /// What its light is looked up in.
     learnt: Option<Learnt>,
+    /// Light that there is in the scene, as far as it is to be seen: what is known may be of the scene before an edit.
+    looked_up: PathClasses,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
     /// Work on learning less that on passes, since the first pass.
@@ -239,14 +241,17 @@ impl Rendering {
         let brings_hidden = settings.brings_hidden(plan);
         let hidden = |what_for| brings_hidden.then(|| HiddenLight::new(&settings, size, what_for));
         // What is sampled alone says by its two halves how far off it is.
+        let all = settings.effects.shown();
+        let looked_up = if plan.is_on(EffectKind::Caustics) { all } else { all.without(PathClass::Caustic) };
         let is_gauged = learnt.is_some() || caustics.is_some();
         let measured = is_gauged.then(|| hidden(HiddenFor::Measure).map(HiddenHalves::new));
         Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
-            technique: tracer(&settings, learnt, known),
+            technique: tracer(&settings, looked_up, learnt, known),
             learnt,
+            looked_up,
             caustics,
             sketch: None,
             hidden: [HiddenFor::LookedUp, HiddenFor::Traced].map(hidden),
@@ -434,7 +439,7 @@ impl Rendering {
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
-        self.technique = tracer(&self.settings, self.learnt, known);
+        self.technique = tracer(&self.settings, self.looked_up, self.learnt, known);
         // Caustics of their own do not depend on what is known, but on the scene.
         let classes: &[PathClass] = match (&self.caustics, outdated) {
             (Some(_), Outdated::Rough) => &[PathClass::Indirect],
@@ -618,8 +623,11 @@ fn all_paths(settings: &RenderSettings) -> PathSettings {
 }
 
 /// The path tracer that draws with what is known; where the best there is is asked for and nothing is known yet, by itself.
+///
+/// - `looked_up`: what is shown of what others know
 fn tracer(
     settings: &RenderSettings,
+    looked_up: PathClasses,
     learnt: Option<Learnt>,
     known: Option<Arc<dyn SecondaryLight>>,
 ) -> PathTracer {
@@ -630,8 +638,8 @@ fn tracer(
         Indirect::Path => false,
     };
     match known.filter(|_| learnt.is_some()) {
-        Some(known) => PathTracer::with_secondary(path, known),
-        None if asks => PathTracer::new(path.asking()),
+        Some(known) => PathTracer::with_secondary(PathSettings { shown: looked_up, ..path }, known),
+        None if asks => PathTracer::new(PathSettings { shown: looked_up, ..path }.asking()),
         None => PathTracer::new(path),
     }
 }

@@ -662,3 +662,32 @@ fn chains_take_no_sketch_before_anything_is_known() {
     assert!(takes(Indirect::Irradiance) && takes(Indirect::Octree));
     assert!(!takes(Indirect::Auto) && !takes(Indirect::Path) && !takes(Indirect::None));
 }
+
+/// What is known of the light of a scene before an edit shows no caustics in one that has nothing to focus light any more.
+#[test]
+fn known_light_brings_no_caustics_where_nothing_focuses() {
+    let glassy = samples::cornell_box().unwrap();
+    let view = glassy.default_view();
+    let mut matt = SceneBuilder::from_scene(&glassy, SceneLimits::default());
+    for (id, material) in glassy.materials() {
+        let lambert = Material {
+            metallic: 0.0,
+            roughness: 1.0,
+            specular: 0.0,
+            transmission: 0.0,
+            ..Material::clone(material)
+        };
+        matt.set_material(id.clone(), lambert).unwrap();
+    }
+    let matt = Arc::new(world_of(matt.finish().0));
+    let plan = EffectPlan::of(matt.scene());
+    let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
+    let size = PictureSize::new(48, 32).unwrap();
+    let never = AtomicBool::new(false);
+    let before = Caches::complete(self::settings(30_000, 5), &world_of(glassy));
+    let known = before.products.secondary.clone().unwrap();
+    let mut rendering = Rendering::with((matt, &plan), view, size, settings, Some(known));
+    rendering.step(&never);
+    assert!(rendering.film().layer(PathClass::Indirect).iter().any(|value| value.g > 0.0));
+    assert!(rendering.film().layer(PathClass::Caustic).iter().all(|value| value.is_black()));
+}

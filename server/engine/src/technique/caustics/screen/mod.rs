@@ -4,9 +4,9 @@
 //! and every pixel takes what lies in a window of pixels around it. Another camera only draws them anew. The window covers on
 //! a surface at the depth d, under the angle θ, the area (2k+1)² · A(d) / cos θ, and flux over area is irradiance.
 //!
-//! Larsen's window is the same everywhere, weighs its middle more, and counts photons that nothing hides. Here each photon has a
+//! Larsen's window is the same everywhere, and counts photons that nothing hides. Here each photon has a
 //! window of its own, about as wide as it takes to hold some others: so it is narrow in a focus, and no flux is counted twice
-//! where wide ones meet narrow ones. All of it weighs the same, and what lies on other surfaces is told by where it lies. A pixel asks one cell for the photons of
+//! where wide ones meet narrow ones. What lies on other surfaces is told by where it lies. A pixel asks one cell for the photons of
 //! each width. Tiles that no window reaches into, which are most, are skipped.
 //!
 //! **Biased**: blurs by pixels, darkens at borders, and knows nothing of what is not on the screen. What is seen in a mirror
@@ -111,6 +111,9 @@ struct ScreenCaustics {
 struct Level {
     /// Pixels on each side of the middle one.
     half_px: i32,
+    /// What a photon counts in pixels so many columns and rows away, `[half + 1, half + 1]`, relative to the mean over its window:
+    /// less and less away from the middle.
+    weights: Vec<f32>,
     /// Binary logarithm of the width of a cell, px.
     cell_log2: u32,
     /// Cells in a row.
@@ -209,7 +212,7 @@ impl Level {
                 starts[cell + 1] += 1;
             }
         }
-        Level { half_px, cell_log2, columns, starts, placed }
+        Level { half_px, weights: weights_of(half_px), cell_log2, columns, starts, placed }
     }
 
     /// Photons whose windows may hold a pixel of the picture.
@@ -217,6 +220,16 @@ impl Level {
         let cell = ((y >> self.cell_log2) * self.columns + (x >> self.cell_log2)) as usize;
         &self.placed[self.starts[cell] as usize..self.starts[cell + 1] as usize]
     }
+}
+
+/// The kernel of [Silverman1986, 4.2] on pixels, with a mean of 1 over the window.
+fn weights_of(half_px: i32) -> Vec<f32> {
+    let end2 = ((half_px + 1) * (half_px + 1)) as f32;
+    let weight = |x: i32, y: i32| (1.0 - (x * x + y * y) as f32 / end2).max(0.0);
+    let window = || -half_px..=half_px;
+    let sum: f32 = window().flat_map(|y| window().map(move |x| weight(x, y))).sum();
+    let scale = ((2 * half_px + 1) * (2 * half_px + 1)) as f32 / sum;
+    (0..=half_px).flat_map(|y| (0..=half_px).map(move |x| scale * weight(x, y))).collect()
 }
 
 /// Columns and rows of squares in a picture that a window around a pixel reaches into.
@@ -299,13 +312,14 @@ impl FocusedLight for ScreenCaustics {
                 continue;
             }
             for placed in in_cell {
-                let is_far = |axis: usize| (placed.pixel[axis] - pixel[axis]).abs() > level.half_px;
-                if is_far(0) || is_far(1) {
+                let [right, down] = [0, 1].map(|axis| (placed.pixel[axis] - pixel[axis]).abs());
+                if right.max(down) > level.half_px {
                     continue;
                 }
+                let weight = level.weights[(down * (level.half_px + 1) + right) as usize];
                 let away = placed.position - p;
                 if away.dot(n).abs() < above_end_m && away.length_squared() < along_end_m * along_end_m {
-                    lit.add(&self.photons[placed.photon as usize], per_m2);
+                    lit.add(&self.photons[placed.photon as usize], weight * per_m2);
                 }
             }
         }
