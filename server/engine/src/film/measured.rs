@@ -40,6 +40,8 @@ pub struct GaugedPixel {
     pub weight: f64,
     /// x₁ and x₂, W/(m² sr).
     pub halves: [[f64; 3]; 2],
+    /// Variance of their mean, (W/(m² sr))², as far as its samples tell.
+    pub variance: [f64; 3],
 }
 
 impl MeasuredError {
@@ -145,6 +147,9 @@ pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> O
     if mean <= 0.0 || pixels.len() < 2 {
         return None;
     }
+    let typical: [f64; 3] = std::array::from_fn(|c| {
+        pixels.iter().map(|pixel| pixel.variance[c]).sum::<f64>() / pixels.len() as f64
+    });
     let errors: Vec<f64> = pixels
         .iter()
         .map(|pixel| {
@@ -152,10 +157,27 @@ pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> O
             let [a, b] = &pixel.halves;
             let squared =
                 std::array::from_fn(|channel| (shown[channel] - a[channel]) * (shown[channel] - b[channel]));
-            pixel.weight * relative(squared, mean_around(image, size, pixel.index), mean)
+            let around = mean_around(image, size, pixel.index);
+            let truth = std::array::from_fn(|c| pixel.brightness(around[c], c, typical[c]));
+            pixel.weight * relative(squared, truth, mean)
         })
         .collect();
     Some(of_pixels(&errors))
+}
+
+impl GaugedPixel {
+    /// What stands for the truth where an error is weighed by it: what the picture shows around the pixel, and, as far as that is
+    /// surely wrong, what was found in its place. A room that is drawn ten times too bright would else be measured by its own
+    /// brightness: 14 % were shown for 74. Where the two agree within chance nothing that was found counts: its noise would
+    /// weigh itself.
+    ///
+    /// - `around`: the picture's mean around the pixel, in channel `c`
+    /// - `typical`: variance of other pixels' means: few samples of one pixel may have found no light at all, and agree on that
+    fn brightness(&self, around: f64, c: usize, typical: f64) -> f64 {
+        let off = 0.5 * (self.halves[0][c] + self.halves[1][c]) - around;
+        let chance = SURELY * SURELY * self.variance[c].max(typical);
+        if off * off > chance { around + off * (1.0 - chance / (off * off)) } else { around }
+    }
 }
 
 /// The mean that [`neighbourhood_mean`] has for one pixel.
@@ -188,6 +210,8 @@ const WEIGHT_DEVIATION: f64 = 0.07;
 const SURENESS: f64 = 1.1;
 /// A mean so many times its deviation above zero is not there by chance alone.
 const RESOLVED: f64 = 1.25;
+/// What differs by so many times its standard deviation does not by chance.
+const SURELY: f64 = 3.0;
 /// 97.5 % quantile of the normal distribution.
 const Z: f64 = 1.959_964;
 /// Pixels to either side that count as neighbours. With 1 the weights are still noisy (the glass sphere at 16 samples

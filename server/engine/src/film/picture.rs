@@ -370,6 +370,8 @@ mod tests {
         for round in 0..200u64 {
             let pixels: Vec<GaugedPixel> = (0..256)
                 .map(|pixel| GaugedPixel {
+                    // Of the mean of two numbers from ½ to 1½.
+                    variance: [1.0 / 24.0; 3],
                     index: 7 * pixel as usize,
                     weight: if pixel % 2 == 0 { 0.5 } else { 1.5 },
                     halves: [2 * round, 2 * round + 1].map(|seed| [estimate(seed, pixel); 3]),
@@ -387,5 +389,29 @@ mod tests {
         // 95 % of 200, less three deviations of a binomial.
         assert!(held >= 180, "{held}");
         assert!(measure_at(&image, size, &[]).is_none());
+    }
+
+    /// A picture of which a half is drawn twenty times too bright is measured by how dark that half is, not by how bright it is
+    /// drawn.
+    #[test]
+    fn what_is_drawn_far_too_bright_is_weighed_by_the_truth() {
+        let size = PictureSize::new(64, 48).unwrap();
+        let image = vec![Rgb::splat(1.0); size.pixel_count()];
+        let truth = |index: usize| if index % 64 < 32 { 1.0 } else { 0.05 };
+        let mut measured = RunningStatistics::default();
+        for round in 0..100u64 {
+            let of = |index: usize| {
+                let half = |seed: u64| {
+                    let [u, ..] = PixelSampler::new(seed, 0, index as u32, 7).four(0);
+                    [truth(index) * f64::from(0.9 + 0.2 * u); 3]
+                };
+                let variance = [truth(index).powi(2) * 0.04 / 24.0; 3];
+                GaugedPixel { index, weight: 1.0, halves: [half(2 * round), half(2 * round + 1)], variance }
+            };
+            let pixels: Vec<GaugedPixel> = (0..256).map(|at| of((at * 12) % size.pixel_count())).collect();
+            measured.add(measure_at(&image, size, &pixels).unwrap().rel_mse);
+        }
+        let expected = 0.5 * 0.95f64.powi(2) / (0.05f64.powi(2) + 0.01);
+        assert!((measured.mean() / expected - 1.0).abs() < 0.1, "{} for {expected}", measured.mean());
     }
 }

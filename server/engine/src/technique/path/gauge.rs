@@ -154,6 +154,7 @@ impl Gauge {
                 index: (point.y * width + point.x) as usize,
                 weight: point.weight,
                 halves: point.halves.map(|half| half.map(|sum| sum / count)),
+                variance: point.spread.map(|sum| sum / count / (2.0 * count)),
             };
             set.points.iter().map(of_point).collect::<Vec<_>>()
         };
