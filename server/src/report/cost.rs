@@ -27,6 +27,8 @@ use crate::images::{ExrLayers, PictureFacts, encode_exr, write_file};
 /// Names of tables.
 pub(super) const CURVES: &str = "curves";
 pub(super) const FRONT: &str = "front";
+/// What stands for the backend of another renderer.
+pub(super) const PEER: &str = "peer";
 /// Pictures are looked at after so many seconds, and after twice as many again and again.
 const FIRST_SECONDS: f64 = 0.25;
 /// A reference of our own is drawn so many times as long as a picture.
@@ -40,7 +42,7 @@ const TARGETS_PERCENT: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 const SCENE: Column = Column::given("scene", "scene");
 const TECHNIQUE: Column = Column::given("technique", "technique");
 const SETTINGS: Column = Column::given("settings", "settings");
-const BACKEND: Column = Column::given("backend", "backend");
+pub(super) const BACKEND: Column = Column::given("backend", "backend");
 const ELAPSED: Column = Column::given("elapsed", "after, s");
 const SAMPLES: Column = Column::here("samples", "samples per pixel", "");
 const ERROR: Column = Column::here("error_percent", "error", "%");
@@ -67,7 +69,7 @@ const SHARE: Column = Column::here("share_percent", "share of the time", "%");
 /// What figures depend on beside version and machine.
 #[derive(Debug, Serialize)]
 pub(super) struct Settings<'a> {
-    techniques: Vec<&'static str>,
+    ways: Vec<String>,
     seconds: f64,
     subjects: &'a [Subject],
 }
@@ -75,7 +77,7 @@ pub(super) struct Settings<'a> {
 impl<'a> Settings<'a> {
     pub(super) fn of(cost: &Cost, subjects: &'a [Subject]) -> Settings<'a> {
         Settings {
-            techniques: cost.techniques.iter().map(|technique| name_of(*technique)).collect(),
+            ways: ways(cost).iter().map(|way| format!("{way:?}")).collect(),
             seconds: cost.time.as_secs_f64(),
             subjects,
         }
@@ -93,9 +95,12 @@ fn name_of(technique: Indirect) -> &'static str {
 }
 
 /// A technique with settings.
+#[derive(Debug)]
 struct Way {
     technique: Indirect,
     settings: &'static str,
+    /// Of files.
+    suffix: &'static str,
     illumination: IlluminationSettings,
 }
 
@@ -108,12 +113,17 @@ fn ways(cost: &Cost) -> Vec<Way> {
     coarse.irradiance.weighing.accuracy = 0.3;
     let of = |technique: &Indirect| {
         let grid = match technique {
-            Indirect::Octree => vec![("usual", usual), ("125 k photons, depth 6", few)],
-            Indirect::Irradiance => vec![("usual", usual), ("a = 0.3", coarse)],
-            Indirect::Auto | Indirect::Path | Indirect::None => vec![("usual", usual)],
+            Indirect::Octree => vec![("usual", "", usual), ("125 k photons, depth 6", "-few", few)],
+            Indirect::Irradiance => vec![("usual", "", usual), ("a = 0.3", "-coarse", coarse)],
+            Indirect::Auto | Indirect::Path | Indirect::None => vec![("usual", "", usual)],
         };
         let technique = *technique;
-        grid.into_iter().map(move |(settings, illumination)| Way { technique, settings, illumination })
+        grid.into_iter().map(move |(settings, suffix, illumination)| Way {
+            technique,
+            settings,
+            suffix,
+            illumination,
+        })
     };
     cost.techniques.iter().flat_map(of).collect()
 }
@@ -134,19 +144,31 @@ struct Target<'a> {
 
 /// Measures curves, and what follows from them.
 pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost) -> Result<(), ReportError> {
-    explain(notebook, cost);
+    explain(notebook);
     let peers = cost.peers.iter().map(|path| peers::read(path)).collect::<Result<Vec<_>, _>>()?.concat();
-    let about = "What pictures are compared with: another renderer's picture where there is one, else one that the path tracer \
-                 drew here for eight times as long.";
+    let about = "What pictures are compared with: another renderer's picture where there is one, else one that was \
+                 drawn here for eight times as long, by the path tracer where it finds all light.";
     let columns = [SCENE, REFERENCE, SIZE, REFERENCE_NOISE, PREPARE];
     notebook.begin(Table::new("references", "References", about.into(), &columns));
     let mut targets = Vec::new();
     for subject in subjects {
-        targets.push(Target::of(notebook, subject, cost)?);
+        match Target::of(notebook, subject, cost)? {
+            Some(target) => targets.push(target),
+            None => notebook.note(format!("{} is black: there is no error relative to that", subject.name)),
+        }
+    }
+    for series in &peers {
+        if !targets.iter().any(|target| target.subject.name == series.scene) {
+            notebook.note(format!(
+                "no scene is called {}: pictures of {} are left out",
+                series.scene, series.peer
+            ));
+        }
     }
     let about = format!(
         "Each picture was drawn twice, {} s each time, and looked at on the way. Error: √relMSE against the reference. \
-         Systematic: what both have in common, which no other seed would remove; it holds the noise of the reference. Noise: \
+         Systematic: what both have in common, which no other seed would remove; it holds the noise of the reference, and is empty \
+         where it may be chance. Noise: \
          what they differ by, of samples and of light that was learnt by chance. As it is shown live: what the program measures by itself, with its 95 % interval.",
         cost.time.as_secs_f64()
     );
@@ -156,8 +178,9 @@ pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost
     ];
     notebook.begin(Table::new(CURVES, "Error over time", about, &columns));
     for target in &targets {
+        let mut prepared = None;
         for way in ways(cost) {
-            curve(notebook, target, &way, cost)?;
+            curve(notebook, (target, &mut prepared), &way, cost)?;
         }
         for series in peers.iter().filter(|series| series.scene == target.subject.name) {
             peer_curve(notebook, target, series)?;
@@ -168,7 +191,7 @@ pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost
     effects(notebook, &targets, cost)
 }
 
-fn explain(notebook: &mut Notebook, cost: &Cost) {
+fn explain(notebook: &mut Notebook) {
     notebook.note(
         "Error: √relMSE in percent, relMSE = mean over pixels and channels of (t − r)² / (r² + 0.01 m²), r the reference, m its \
          mean. Trimmed: the same without the worst 0.1 % of pixels. Bias: (mean t − mean r) / mean r. Below twice the noise of \
@@ -179,14 +202,18 @@ fn explain(notebook: &mut Notebook, cost: &Cost) {
          building its trees comes before and stands in the table of references.",
     );
     notebook.note("Difference maps: black is no error, white as much as the brightness, or a tenth of the mean where it is darker.");
-    if cost.techniques.contains(&Indirect::Path) {
-        notebook.note("`path` does not find light of lamps without size by way of mirrors and clear glass; the others do.");
-    }
+    notebook.note(
+        "Memory: of films, photons, octree, records and caustics; the scene and its trees come beside.",
+    );
 }
 
 impl<'a> Target<'a> {
     /// The reference of a scene, drawn now if there is none.
-    fn of(notebook: &mut Notebook, subject: &'a Subject, cost: &Cost) -> Result<Target<'a>, ReportError> {
+    fn of(
+        notebook: &mut Notebook,
+        subject: &'a Subject,
+        cost: &Cost,
+    ) -> Result<Option<Target<'a>>, ReportError> {
         let own = notebook.folder().join(format!("{}-reference.exr", file_name(&subject.name)));
         let start = std::time::Instant::now();
         let prepared = subject.prepare()?;
@@ -199,6 +226,17 @@ impl<'a> Target<'a> {
         let mut size = prepared.size;
         if let Some(given) = &given {
             size = given.size;
+        }
+        if given.is_none() && !own.is_file() {
+            notebook.forget(&subject.name);
+        }
+        let hides = hides_light(&prepared);
+        if given.is_none() && hides {
+            notebook.note(format!(
+                "{}: no path finds its light of lamps without size by way of mirrors and clear glass. Its reference is drawn by \
+                 auto, which blurs that a little; `path` lacks it.",
+                subject.name
+            ));
         }
         notebook.row(&subject.name, || {
             let (name, noise) = match (&given, camera) {
@@ -224,12 +262,12 @@ impl<'a> Target<'a> {
         };
         let pixels = &reference.picture;
         let mean = pixels.iter().map(|pixel| f64::from(pixel.mean())).sum::<f64>() / pixels.len() as f64;
-        Ok(Target { subject, reference, mean })
+        Ok((mean > 0.0 && mean.is_finite()).then_some(Target { subject, reference, mean }))
     }
+}
 
-    fn prepare(&self) -> Result<Prepared, ReportError> {
-        Ok(Prepared { size: self.reference.size, ..self.subject.prepare()? })
-    }
+fn hides_light(prepared: &Prepared) -> bool {
+    prepared.plan.is_on(EffectKind::Caustics) && prepared.plan.facts.hides_light()
 }
 
 /// Draws a reference and keeps it; returns what it is and how noisy.
@@ -239,8 +277,7 @@ fn draw_reference(
     path: &Path,
 ) -> Result<(String, Option<f64>), ReportError> {
     // What no path finds is brought by photons.
-    let hides = prepared.plan.is_on(EffectKind::Caustics) && prepared.plan.facts.hides_light();
-    let indirect = if hides { Indirect::Auto } else { Indirect::Path };
+    let indirect = if hides_light(&prepared) { Indirect::Auto } else { Indirect::Path };
     let settings = RenderSettings { indirect, seed: REFERENCE_SEED, ..RenderSettings::default() };
     let mut drawing = Drawing::learning_by(prepared, settings, IlluminationSettings::of(&settings));
     drawing.advance(cost.time.mul_f64(REFERENCE_TIMES));
@@ -270,26 +307,37 @@ fn shown_size(size: PictureSize) -> String {
     format!("{} × {}", size.width(), size.height())
 }
 
-/// A name of letters, digits and dashes.
+/// A name of letters, digits and dashes, another one for each: what does not fit is spelt in numbers.
 fn file_name(name: &str) -> String {
-    name.chars().map(|letter| if letter.is_ascii_alphanumeric() { letter } else { '-' }).collect()
+    let spelt = |letter: char| {
+        let fits = letter.is_ascii_alphanumeric() || letter == '-';
+        if fits { letter.to_string() } else { format!("_{:x}", u32::from(letter)) }
+    };
+    name.chars().map(spelt).collect()
 }
 
 /// Draws a picture twice and looks at both on the way.
-fn curve(notebook: &mut Notebook, target: &Target<'_>, way: &Way, cost: &Cost) -> Result<(), ReportError> {
+///
+/// - `prepared`: its scene, once it is read
+fn curve(
+    notebook: &mut Notebook,
+    (target, prepared): (&Target<'_>, &mut Option<Prepared>),
+    way: &Way,
+    cost: &Cost,
+) -> Result<(), ReportError> {
     let (scene, technique) = (target.subject.name.as_str(), name_of(way.technique));
     let mut pair: Option<[Drawing; 2]> = None;
     for seconds in times(cost) {
         notebook.row(&format!("{scene} {technique} {} after {seconds} s", way.settings), || {
             let pair = match &mut pair {
                 Some(pair) => pair,
-                None => pair.insert(begin(target, way)?),
+                None => pair.insert(begin(target, once(prepared, target)?, way)),
             };
             pair.iter_mut().for_each(|drawing| drawing.advance(Duration::from_secs_f64(seconds)));
-            cells(target, way, pair, seconds)
+            cells(target, way, pair)
         })?;
     }
-    let name = file_name(&format!("{scene}-{technique}-{}", way.settings));
+    let name = format!("{}-{technique}{}", file_name(scene), way.suffix);
     let [picture, difference] = [format!("{name}.jpg"), format!("{name}-difference.jpg")];
     if let Some([drawing, _]) = &pair {
         let radiance = drawing.rendering.picture().radiance();
@@ -305,17 +353,24 @@ fn curve(notebook: &mut Notebook, target: &Target<'_>, way: &Way, cost: &Cost) -
     Ok(())
 }
 
-fn begin(target: &Target<'_>, way: &Way) -> Result<[Drawing; 2], ReportError> {
-    let with_seed = |seed: u64| -> Result<Drawing, ReportError> {
+/// The scene, read when it is first asked for.
+fn once<'a>(prepared: &'a mut Option<Prepared>, target: &Target<'_>) -> Result<&'a Prepared, ReportError> {
+    Ok(match prepared {
+        Some(prepared) => prepared,
+        None => prepared.insert(target.subject.prepare()?),
+    })
+}
+
+fn begin(target: &Target<'_>, prepared: &Prepared, way: &Way) -> [Drawing; 2] {
+    SEEDS.map(|seed| {
         let settings = RenderSettings { indirect: way.technique, seed, ..RenderSettings::default() };
         let mut illumination = way.illumination;
         (illumination.photons.seed, illumination.irradiance.seed) = (seed, seed);
-        Ok(Drawing::learning_by(target.prepare()?, settings, illumination))
-    };
-    Ok([with_seed(SEEDS[0])?, with_seed(SEEDS[1])?])
+        Drawing::learning_by(prepared.again(target.reference.size), settings, illumination)
+    })
 }
 
-fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2], seconds: f64) -> Result<Cells, ReportError> {
+fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2]) -> Result<Cells, ReportError> {
     let reference = &target.reference.picture;
     let pictures = pair.each_ref().map(|drawing| drawing.rendering.picture());
     let radiances = pictures.each_ref().map(|picture| picture.radiance());
@@ -326,7 +381,7 @@ fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2], seconds: f64) -> R
     };
     let (first, second) = (first.map_err(fail)?, second.map_err(fail)?);
     let mean = |a: f64, b: f64| 0.5 * (a + b);
-    let [systematic, noise] = split(&radiances, reference, target.mean);
+    let (systematic, noise) = split(&radiances, reference, target.mean);
     let rendering = &pair[0].rendering;
     let measured = rendering.measured_error_of(&pictures[0]);
     let interval = measured.map(|measured| measured.error_interval_95());
@@ -339,12 +394,12 @@ fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2], seconds: f64) -> R
     let mut cells = names(target, name_of(way.technique), way.settings, "cpu");
     cells.extend(
         [
-            (ELAPSED, Cell::from(seconds)),
+            (ELAPSED, Cell::from(mean(pair[0].seconds(), pair[1].seconds()))),
             (SAMPLES, f64::from(rendering.passes()).into()),
             (ERROR, percent(Some(mean(first.rel_mse, second.rel_mse).sqrt()))),
             (TRIMMED, percent(Some(mean(first.trimmed, second.trimmed).sqrt()))),
             (BIAS, percent(Some(mean(first.bias, second.bias)))),
-            (SYSTEMATIC, percent(Some(systematic.max(0.0).sqrt()))),
+            (SYSTEMATIC, percent(systematic.map(f64::sqrt))),
             (NOISE, percent(Some(noise.sqrt()))),
             (MEASURED, percent(measured.map(|measured| measured.error()))),
             (LOW, percent(interval.map(|interval| interval[0]))),
@@ -359,7 +414,8 @@ fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2], seconds: f64) -> R
 fn names(target: &Target<'_>, technique: &str, settings: &str, backend: &str) -> Cells {
     let scene = target.subject.name.as_str();
     let curve = match settings {
-        "" | "usual" => format!("{scene}, {technique}"),
+        "" => format!("{scene}, {technique} (not ours)"),
+        "usual" => format!("{scene}, {technique}"),
         _ => format!("{scene}, {technique}, {settings}"),
     };
     let names =
@@ -368,19 +424,25 @@ fn names(target: &Target<'_>, technique: &str, settings: &str, backend: &str) ->
     names.map(|(key, name)| (key.to_string(), Cell::from(name))).collect()
 }
 
-/// relMSE of what two pictures have in common, less than zero by chance, and of what they do not.
-fn split([first, second]: &[Vec<Rgb>; 2], reference: &[Rgb], mean: f64) -> [f64; 2] {
+/// relMSE of what two pictures have in common, `None` where that may be chance, and of what they do not.
+fn split([first, second]: &[Vec<Rgb>; 2], reference: &[Rgb], mean: f64) -> (Option<f64>, f64) {
     let floor = 0.01 * mean * mean;
-    let mut sums = [0.0, 0.0];
+    let count = reference.len().max(1) as f64;
+    let (mut common, mut squares, mut noise) = (0.0, 0.0, 0.0);
     for ((a, b), r) in first.iter().zip(second).zip(reference) {
+        let mut of_pixel = 0.0;
         for at in 0..3 {
             let [a, b, r] = [a[at], b[at], r[at]].map(f64::from);
-            let scale = 1.0 / (r * r + floor);
-            sums[0] += (a - r) * (b - r) * scale;
-            sums[1] += 0.5 * (a - b) * (a - b) * scale;
+            let scale = 1.0 / (3.0 * (r * r + floor));
+            of_pixel += (a - r) * (b - r) * scale;
+            noise += 0.5 * (a - b) * (a - b) * scale;
         }
+        common += of_pixel;
+        squares += of_pixel * of_pixel;
     }
-    sums.map(|sum| sum / (3 * reference.len().max(1)) as f64)
+    let common = common / count;
+    let deviation = ((squares / count - common * common).max(0.0) / count).sqrt();
+    ((common > 2.0 * deviation).then_some(common), noise / count)
 }
 
 /// What another renderer drew, compared with the same reference.
@@ -398,7 +460,7 @@ fn peer_curve(
         }
         let error =
             compare(&picture, &target.reference.picture).map_err(|error| broken(error.to_string()))?;
-        let mut cells = names(target, &series.peer, "", "peer");
+        let mut cells = names(target, &series.peer, "", PEER);
         cells.extend(
             [
                 (ELAPSED, Cell::from(point.seconds)),
@@ -415,7 +477,7 @@ fn peer_curve(
 
 /// Rows of our own curves of a scene.
 fn rows_of<'a>(notebook: &'a Notebook, scene: &str) -> Vec<&'a Row> {
-    let is_ours = |row: &&Row| row.cells.get(BACKEND.key) != Some(&Cell::from("peer"));
+    let is_ours = |row: &&Row| row.cells.get(BACKEND.key) != Some(&Cell::from(PEER));
     let is_of = |row: &&Row| row.cells.get(SCENE.key) == Some(&Cell::from(scene));
     notebook.table(CURVES).iter().flat_map(|table| &table.rows).filter(is_of).filter(is_ours).collect()
 }
@@ -466,7 +528,7 @@ fn shown(cells: &Cells, column: Column) -> String {
 fn prices(notebook: &mut Notebook, subjects: &[Subject]) -> Result<(), ReportError> {
     let columns = [SCENE, TARGET, TECHNIQUE, SETTINGS, SECONDS];
     let about = "What first had so little error, and when; empty where nothing had within the time. Between two looks times are \
-                 interpolated along the curve.";
+                 interpolated along the curve; what is there at the first look may have been there before.";
     let mut all = Vec::new();
     for subject in subjects {
         let rows = rows_of(notebook, &subject.name);
@@ -523,25 +585,25 @@ fn effects(notebook: &mut Notebook, targets: &[Target<'_>], cost: &Cost) -> Resu
     let columns = [SCENE, EFFECT, WITH, WITHOUT, SHARE];
     notebook.begin(Table::new("effects", "What effects take", about, &columns));
     for target in targets {
-        let prepared = target.prepare()?;
+        let prepared = target.subject.prepare()?;
         let mut with = None;
         for kind in EffectChoices::KINDS.into_iter().filter(|kind| prepared.plan.is_on(*kind)) {
             notebook.row(&format!("{} {}", target.subject.name, kind.name()), || {
                 let with = match with {
                     Some(with) => with,
-                    None => *with.insert(samples(target, EffectChoices::default(), seconds)?),
+                    None => *with.insert(samples(target, &prepared, EffectChoices::default(), seconds)),
                 };
                 let mut choices = EffectChoices::default();
                 if let Some(choice) = choices.choice_mut(kind) {
                     *choice = EffectChoice::Off;
                 }
-                let without = samples(target, choices, seconds)?;
+                let without = samples(target, &prepared, choices, seconds);
                 Ok([
                     (SCENE, Cell::from(target.subject.name.as_str())),
                     (EFFECT, kind.name().into()),
                     (WITH, with.into()),
                     (WITHOUT, without.into()),
-                    (SHARE, percent(Some((1.0 - with / without).max(0.0)))),
+                    (SHARE, percent(Some(1.0 - with / without))),
                 ]
                 .map(|(column, cell)| (column.key.to_string(), cell))
                 .into())
@@ -551,11 +613,15 @@ fn effects(notebook: &mut Notebook, targets: &[Target<'_>], cost: &Cost) -> Resu
     Ok(())
 }
 
-fn samples(target: &Target<'_>, effects: EffectChoices, seconds: f64) -> Result<f64, ReportError> {
+/// Samples per pixel for each of so many seconds.
+fn samples(target: &Target<'_>, prepared: &Prepared, effects: EffectChoices, seconds: f64) -> f64 {
     let settings = RenderSettings { indirect: Indirect::Irradiance, effects, ..RenderSettings::default() };
-    let mut drawing = Drawing::learning_by(target.prepare()?, settings, IlluminationSettings::of(&settings));
+    let size = target.reference.size;
+    let mut drawing =
+        Drawing::learning_by(prepared.again(size), settings, IlluminationSettings::of(&settings));
     drawing.advance(Duration::from_secs_f64(seconds));
-    Ok(drawing.rendering.sample_count() as f64 / target.reference.size.pixel_count() as f64)
+    let samples = drawing.rendering.sample_count() as f64 / size.pixel_count() as f64;
+    samples * seconds / drawing.seconds()
 }
 
 #[cfg(test)]
@@ -589,10 +655,23 @@ mod tests {
     fn errors_are_split_into_what_stays_and_what_goes() {
         let reference = vec![Rgb::splat(1.0); 2];
         let pictures = [vec![Rgb::splat(1.3), Rgb::splat(1.1)], vec![Rgb::splat(1.1), Rgb::splat(1.3)]];
-        let [systematic, noise] = split(&pictures, &reference, 1.0);
+        let (systematic, noise) = split(&pictures, &reference, 1.0);
+        let systematic = systematic.unwrap();
         assert!((systematic * 1.01 - 0.03).abs() < 1e-6 && (noise * 1.01 - 0.02).abs() < 1e-6);
         let error = compare(&pictures[0], &reference).unwrap().rel_mse;
         assert!((systematic + noise - error).abs() < 1e-6);
+        // What may be chance is not told.
+        let pictures = [vec![Rgb::splat(1.3), Rgb::splat(0.7)], vec![Rgb::splat(1.1), Rgb::splat(1.3)]];
+        assert_eq!(split(&pictures, &reference, 1.0).0, None);
+    }
+
+    /// Names of files are as different as what they are of.
+    #[test]
+    fn file_names_tell_scenes_apart() {
+        let names = ["my room", "my-room", "my--room", "my/room", "房間", "間房", "room_2d"].map(file_name);
+        assert!(names.iter().all(|name| name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c))));
+        let distinct: std::collections::HashSet<&String> = names.iter().collect();
+        assert_eq!(distinct.len(), names.len(), "{names:?}");
     }
 
     /// Looks double until the end, which is always one.

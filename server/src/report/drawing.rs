@@ -51,6 +51,11 @@ impl Drawing {
         }
     }
 
+    /// Seconds spent on it.
+    pub(super) fn seconds(&self) -> f64 {
+        self.spent.as_secs_f64()
+    }
+
     /// How far it is from the reference, if there is one.
     pub(super) fn error(&self, subject: &Subject) -> Result<Option<ImageError>, ReportError> {
         let Some(reference) = &self.prepared.reference else { return Ok(None) };

@@ -18,6 +18,9 @@ th,td{padding:.2rem .6rem;text-align:right;border-bottom:1px solid #ddd}th{verti
 .given{text-align:left;white-space:nowrap}.paper{color:#777}figure{margin:1.5rem 0}svg,img{max-width:100%;height:auto}\
 .pictures{display:flex;flex-wrap:wrap;gap:1rem}.pictures figure{margin:0;max-width:20rem}";
 
+/// The column of scenes in every table.
+const SCENE: &str = "scene";
+
 /// What a plot of a table shows.
 struct Picture {
     table: &'static str,
@@ -28,11 +31,14 @@ struct Picture {
     paper: Option<&'static str>,
     /// The column whose values are curves; `None`: one curve.
     curves: Option<&'static str>,
+    /// A plot for each scene.
+    is_of_scene: bool,
 }
 
-const PICTURES: [Picture; 20] = [
+const PICTURES: [Picture; 21] = [
     picture(super::cost::CURVES, "Error over time", ("elapsed", "s"), ("error_percent", "√relMSE, %"), None)
         .by("curve")
+        .by_scene()
         .logarithmic(),
     picture(
         super::cost::CURVES,
@@ -42,10 +48,22 @@ const PICTURES: [Picture; 20] = [
         None,
     )
     .by("curve")
+    .by_scene()
     .logarithmic(),
     picture(super::cost::CURVES, "Noise over time", ("elapsed", "s"), ("noise_percent", "√relMSE, %"), None)
         .by("curve")
+        .by_scene()
         .logarithmic(),
+    picture(
+        super::cost::CURVES,
+        "Systematic error by noise",
+        ("noise_percent", "noise, √relMSE, %"),
+        ("systematic_percent", "systematic, √relMSE, %"),
+        None,
+    )
+    .by("curve")
+    .by_scene()
+    .logarithmic(),
     picture(
         super::cost::FRONT,
         "The least error for a time",
@@ -158,7 +176,7 @@ const fn picture(
     y: (&'static str, &'static str),
     paper: Option<&'static str>,
 ) -> Picture {
-    Picture { table, title, x: (x.0, x.1, Axis::Linear), y, paper, curves: None }
+    Picture { table, title, x: (x.0, x.1, Axis::Linear), y, paper, curves: None, is_of_scene: false }
 }
 
 impl Picture {
@@ -166,20 +184,27 @@ impl Picture {
         Picture { curves: Some(curves), ..self }
     }
 
+    const fn by_scene(self) -> Picture {
+        Picture { is_of_scene: true, ..self }
+    }
+
     const fn logarithmic(self) -> Picture {
         Picture { x: (self.x.0, self.x.1, Axis::Logarithmic), ..self }
     }
 
-    fn plot(&self, table: &Table) -> Plot {
+    /// - `scene`: of the rows; `None`: all rows
+    fn plot(&self, table: &Table, scene: Option<&Cell>) -> Plot {
         let mut curves: Vec<Curve> = Vec::new();
         let mut names: Vec<String> = Vec::new();
-        for row in &table.rows {
+        let is_of = |row: &&Row| scene.is_none_or(|scene| table.cell(row, SCENE) == scene);
+        for row in table.rows.iter().filter(is_of) {
             let name = self.curves.map_or("Lumicast".into(), |key| table.cell(row, key).shown());
             // Ours and the paper's of one name share their colour.
             let colour = names.iter().position(|known| *known == name).unwrap_or(names.len());
             let curve =
                 |name: &str, by_paper| Curve { name: name.into(), points: Vec::new(), by_paper, colour };
-            self.add(&mut curves, table, row, self.y.0, curve(&name, false));
+            let is_other = table.cell(row, super::cost::BACKEND.key) == &Cell::from(super::cost::PEER);
+            self.add(&mut curves, table, row, self.y.0, curve(&name, is_other));
             if let Some(paper) = self.paper {
                 self.add(&mut curves, table, row, paper, curve(&format!("{name}, paper"), true));
             }
@@ -188,7 +213,18 @@ impl Picture {
             }
         }
         let (_, x, x_axis) = self.x;
-        Plot { title: self.title.into(), x, y: self.y.1, x_axis, curves }
+        let title = scene.map_or(self.title.into(), |scene| format!("{}: {}", self.title, scene.shown()));
+        Plot { title, x, y: self.y.1, x_axis, curves }
+    }
+
+    /// One for all rows, or one for each scene.
+    fn plots(&self, table: &Table) -> Vec<Plot> {
+        if !self.is_of_scene {
+            return vec![self.plot(table, None)];
+        }
+        let mut scenes: Vec<&Cell> = table.rows.iter().map(|row| table.cell(row, SCENE)).collect();
+        scenes.dedup();
+        scenes.into_iter().map(|scene| self.plot(table, Some(scene))).collect()
     }
 
     /// Adds the point of a row to its curve, which is `curve` if there is none of its name yet.
@@ -220,9 +256,10 @@ pub(super) fn html(report: &Report, folder: &Path) -> Result<String, ReportError
     for table in &report.tables {
         body += &html_table(table);
         for picture in PICTURES.iter().filter(|picture| picture.table == table.id) {
-            let plot = picture.plot(table);
-            if let Some(svg) = plot.svg()? {
-                body += &format!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", plot.legend());
+            for plot in picture.plots(table) {
+                if let Some(svg) = plot.svg()? {
+                    body += &format!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", plot.legend());
+                }
             }
         }
     }

@@ -224,6 +224,12 @@ pub enum ReportError {
         /// Why not.
         reason: String,
     },
+    /// Two scenes of one name.
+    #[error("two scenes are called {name}: rename the file of one, or make a report of each")]
+    Twice {
+        /// Their name.
+        name: String,
+    },
     /// Another renderer's pictures that cannot be read or compared.
     #[error("--peers {}: {reason}", path.display())]
     Peer {
@@ -274,6 +280,11 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
     };
     // Boxes are among the octree's, and always there.
     let (subjects, left_out) = subject::find(job, wanted, Some(SceneSource::CornellBox));
+    if let Some(twice) =
+        subjects.iter().enumerate().find(|(at, one)| subjects[..*at].iter().any(|two| two.name == one.name))
+    {
+        return Err(ReportError::Twice { name: twice.1.name.clone() });
+    }
     let settings = match &job.question {
         Question::Paper(_) => serde_json::to_value(Settings { effort, subjects: &subjects }),
         Question::Cost(cost) => serde_json::to_value(cost::Settings::of(cost, &subjects)),

@@ -60,13 +60,10 @@ impl Report {
         }
         text
     }
-
-    fn json(&self) -> Result<Vec<u8>, ReportError> {
-        let mut json = serde_json::to_vec_pretty(self).map_err(not_json)?;
-        json.push(b'\n');
-        Ok(json)
-    }
 }
+
+/// Where report.json keeps rows of an earlier run until they are taken over.
+const EARLIER: &str = "earlier";
 
 fn not_json(error: serde_json::Error) -> ReportError {
     ReportError::Text { what: "report.json", reason: error.to_string() }
@@ -139,6 +136,13 @@ impl Notebook {
         self.report.tables.push(table);
     }
 
+    /// A row of the newest table is to be measured, whether an earlier run has it or not.
+    pub(super) fn forget(&mut self, key: &str) {
+        if let Some(table) = self.report.tables.last() {
+            self.earlier.remove(&(table.id.to_string(), key.to_string()));
+        }
+    }
+
     /// Adds a row to the newest table, from an earlier run or by measuring it, and keeps it.
     pub(super) fn row(
         &mut self,
@@ -172,13 +176,26 @@ impl Notebook {
         self.save()
     }
 
-    /// Writes what there is, so that a run that is stopped loses no row.
+    /// Writes what there is, so that a run that is stopped loses no row: neither those it has, nor those of an earlier run that
+    /// it has not come to yet.
     fn save(&self) -> Result<(), ReportError> {
-        Ok(write_file(&self.out.join("report.json"), &self.report.json()?)?)
+        let mut json = serde_json::to_value(&self.report).map_err(not_json)?;
+        if !self.earlier.is_empty() {
+            let mut kept: Vec<(&(String, String), &Row)> = self.earlier.iter().collect();
+            kept.sort_by_key(|(name, _)| *name);
+            let kept =
+                kept.into_iter().map(|((table, _), row)| serde_json::json!({"table": table, "row": row}));
+            json[EARLIER] = kept.collect();
+        }
+        let mut bytes = serde_json::to_vec_pretty(&json).map_err(not_json)?;
+        bytes.push(b'\n');
+        Ok(write_file(&self.out.join("report.json"), &bytes)?)
     }
 
     /// Writes all files.
-    pub(super) fn finish(self) -> Result<Report, ReportError> {
+    pub(super) fn finish(mut self) -> Result<Report, ReportError> {
+        // Rows that no one asked for any more.
+        self.earlier.clear();
         self.save()?;
         write_file(&self.out.join("report.csv"), csv::csv(&self.report).as_bytes())?;
         write_file(&self.out.join("report.html"), html::html(&self.report, &self.out)?.as_bytes())?;
@@ -209,6 +226,10 @@ fn rows_of(path: &Path, now: &Report) -> Option<HashMap<(String, String), Row>> 
             let row: Row = serde_json::from_value(row.clone()).ok()?;
             rows.insert((id.to_string(), row.key.clone()), row);
         }
+    }
+    for kept in earlier.get(EARLIER).and_then(Value::as_array).into_iter().flatten() {
+        let row: Row = serde_json::from_value(kept.get("row")?.clone()).ok()?;
+        rows.insert((kept.get("table")?.as_str()?.to_string(), row.key.clone()), row);
     }
     Some(rows)
 }

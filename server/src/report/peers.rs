@@ -62,6 +62,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<Series>, ReportError> {
                 return Err(broken(format!("{}: t must be above zero, not {}", series.peer, point.seconds)));
             }
             point.exr = folder.join(&point.exr);
+            if !point.exr.is_file() {
+                return Err(broken(format!("{}: there is no file {}", series.peer, point.exr.display())));
+            }
         }
     }
     Ok(all)
@@ -76,6 +79,7 @@ mod tests {
     fn series_are_read_or_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("series.json");
+        std::fs::write(folder.path().join("a.exr"), "").unwrap();
         let one = r#"{"peer": "other", "scene": "boxes", "setup_s": 1, "points": [{"t": 0.5, "cpu": 1, "exr": "a.exr"}]}"#;
         for text in [one.to_string(), format!("[{one}]")] {
             std::fs::write(&path, text).unwrap();
@@ -85,7 +89,8 @@ mod tests {
         }
         for (text, part) in [
             ("{}", "points"),
-            (r#"{"peer": "x", "scene": "y", "points": [{"t": 0, "exr": "a"}]}"#, "above zero"),
+            (r#"{"peer": "x", "scene": "y", "points": [{"t": 0, "exr": "a.exr"}]}"#, "above zero"),
+            (r#"{"peer": "x", "scene": "y", "points": [{"t": 1, "exr": "b.exr"}]}"#, "b.exr"),
         ] {
             std::fs::write(&path, text).unwrap();
             let message = read(&path).unwrap_err().to_string();

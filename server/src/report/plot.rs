@@ -19,13 +19,14 @@ use super::ReportError;
 const SIZE: (u32, u32) = (720, 420);
 
 /// Colours that people who see few colours can tell apart [Okabe, Ito 2008].
-const COLOURS: [RGBColor; 6] = [
+const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
+    RGBColor(60, 60, 60),
 ];
 
 /// A curve.

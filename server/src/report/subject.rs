@@ -29,11 +29,11 @@ pub(super) struct Subject {
     /// Where it comes from.
     #[serde(serialize_with = "as_text")]
     source: SceneSource,
-    /// Size of its file: with another one, earlier rows say nothing.
-    bytes: u64,
-    /// Folder of references, and the size of those of this scene.
+    /// Of what its file holds: with another one, earlier rows say nothing.
+    content: u64,
+    /// Folder of references, and what those of this scene hold.
     references: PathBuf,
-    reference_bytes: u64,
+    reference_content: u64,
 }
 
 fn as_text<S: serde::Serializer>(source: &SceneSource, serializer: S) -> Result<S::Ok, S::Error> {
@@ -124,19 +124,40 @@ fn name_of(source: &SceneSource) -> String {
     }
 }
 
+impl Prepared {
+    /// The same scene for another picture, without its reference.
+    ///
+    /// - `size`: of the picture
+    pub(super) fn again(&self, size: PictureSize) -> Prepared {
+        let (world, plan, camera) = (self.world.clone(), self.plan.clone(), self.camera.clone());
+        Prepared { world, plan, camera, size, reference: None, ..*self }
+    }
+}
+
 impl Subject {
     fn new(name: String, source: SceneSource, job: &ReportJob) -> Subject {
-        let size_of = |path: &Path| std::fs::metadata(path).map_or(0, |facts| facts.len());
-        let bytes = match &source {
-            SceneSource::File(path) => size_of(path),
+        let content = match &source {
+            SceneSource::File(path) => content_of(path),
             _ => 0,
         };
         let references = job.references_folder.clone();
         let entries = std::fs::read_dir(&references).into_iter().flatten().flatten();
         let start = format!("{name}-");
-        let own = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&start));
-        let reference_bytes = own.map(|entry| size_of(&entry.path())).sum();
-        Subject { name, source, bytes, references, reference_bytes }
+        let is_own = |name: &str| name.starts_with(&start) || name == "noise.json";
+        let mut own: Vec<PathBuf> = entries
+            .filter(|entry| is_own(&entry.file_name().to_string_lossy()))
+            .map(|entry| entry.path())
+            // What an earlier run drew here itself is no reference.
+            .filter(|path| path.parent() != Some(job.out.as_path()))
+            .collect();
+        own.sort();
+        let reference_content = own.iter().fold(0, |all: u64, path| all.rotate_left(7) ^ content_of(path));
+        Subject { name, source, content, references, reference_content }
+    }
+
+    /// Built-in scenes have no references: what is called like one is another.
+    fn has_references(&self) -> bool {
+        matches!(self.source, SceneSource::File(_))
     }
 
     /// Reads the scene and its reference.
@@ -169,7 +190,7 @@ impl Subject {
         let name = format!("{}-{camera}", self.name);
         let [full, direct] =
             [&name, &format!("{name}-direct")].map(|name| self.references.join(format!("{name}.exr")));
-        if !(full.is_file() && direct.is_file()) {
+        if !(self.has_references() && full.is_file() && direct.is_file()) {
             return Ok(None);
         }
         let (size, full) = read(&full)?;
@@ -187,7 +208,7 @@ impl Subject {
     pub(super) fn full_reference(&self, camera: &str) -> Result<Option<FullReference>, ReportError> {
         let name = format!("{}-{camera}", self.name);
         let path = self.references.join(format!("{name}.exr"));
-        if !path.is_file() {
+        if !(self.has_references() && path.is_file()) {
             return Ok(None);
         }
         let (size, picture) = read(&path)?;
@@ -200,6 +221,15 @@ impl Subject {
         let json: serde_json::Value = serde_json::from_slice(&json).ok()?;
         json.get(name)?.get("noise_relMSE")?.as_f64()
     }
+}
+
+/// A number that another content of a file would hardly have; 0 where there is none.
+fn content_of(path: &Path) -> u64 {
+    use std::hash::{DefaultHasher, Hash, Hasher};
+    let mut hasher = DefaultHasher::new();
+    let Ok(bytes) = std::fs::read(path) else { return 0 };
+    bytes.hash(&mut hasher);
+    hasher.finish()
 }
 
 /// Nothing but Lambertian surfaces: no mirror, no glass, no Fresnel lobe.
