@@ -34,6 +34,8 @@ use crate::{
 /// a focus, more where few photons fall.
 const HALVES_PX: [f32; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
 const HALVES_OF_PX: f32 = 512.0;
+/// In the small pictures that are drawn while a camera moves no less than half of that: single photons would stand out as squares.
+const TIMES_MIN: f32 = 0.5;
 /// Photons in a window for it not to be widened.
 const ENOUGH: u32 = 8;
 /// Binary logarithm of the width of tiles of the picture, px: those that no photon's window reaches into are skipped.
@@ -137,7 +139,7 @@ impl ScreenCaustics {
     fn of(all: &[CausticPhoton], view: &View) -> Option<ScreenCaustics> {
         let size = view.size();
         let extent = [size.width(), size.height()].map(|count| count as i32);
-        let times = (size.pixel_count() as f32).sqrt() / HALVES_OF_PX;
+        let times = ((size.pixel_count() as f32).sqrt() / HALVES_OF_PX).max(TIMES_MIN);
         let halves_px = HALVES_PX.map(|half| (half * times).round() as i32);
         let margin = halves_px.into_iter().max().unwrap_or(0);
         // Windows of photons beyond the borders reach into the picture.
