@@ -46,6 +46,8 @@ pub(super) const BACKEND: Column = Column::given("backend", "backend");
 const ELAPSED: Column = Column::given("elapsed", "after, s");
 const SAMPLES: Column = Column::here("samples", "samples per pixel", "");
 const ERROR: Column = Column::here("error_percent", "error", "%");
+/// What front and prices are of.
+const CLEAN: Column = Column::here("clean_error_percent", "without the reference's noise", "%");
 const TRIMMED: Column = Column::here("error_trimmed_percent", "trimmed", "%");
 const BIAS: Column = Column::here("bias_percent", "bias", "%");
 const SYSTEMATIC: Column = Column::here("systematic_percent", "systematic", "%");
@@ -167,14 +169,14 @@ pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost
     }
     let about = format!(
         "Each picture was drawn twice, {} s each time, and looked at on the way. Error: √relMSE against the reference. \
-         Systematic: what both have in common, which no other seed would remove; it holds the noise of the reference, and is empty \
-         where it may be chance. Noise: \
+         Systematic: what both have in common, which no other seed would remove; less the noise of the \
+         reference, and empty where it may be chance. Noise: \
          what they differ by, of samples and of light that was learnt by chance. As it is shown live: what the program measures by itself, with its 95 % interval.",
         cost.time.as_secs_f64()
     );
     let columns = [
-        SCENE, TECHNIQUE, SETTINGS, BACKEND, ELAPSED, SAMPLES, ERROR, TRIMMED, BIAS, SYSTEMATIC, NOISE,
-        MEASURED, LOW, HIGH, MEMORY,
+        SCENE, TECHNIQUE, SETTINGS, BACKEND, ELAPSED, SAMPLES, ERROR, CLEAN, TRIMMED, BIAS, SYSTEMATIC,
+        NOISE, MEASURED, LOW, HIGH, MEMORY,
     ];
     notebook.begin(Table::new(CURVES, "Error over time", about, &columns));
     for target in &targets {
@@ -194,8 +196,9 @@ pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost
 fn explain(notebook: &mut Notebook) {
     notebook.note(
         "Error: √relMSE in percent, relMSE = mean over pixels and channels of (t − r)² / (r² + 0.01 m²), r the reference, m its \
-         mean. Trimmed: the same without the worst 0.1 % of pixels. Bias: (mean t − mean r) / mean r. Below twice the noise of \
-         the reference, errors tell nothing.",
+         mean. Trimmed: the same without the worst 0.1 % of pixels. Bias: (mean t − mean r) / mean r. The noise of the reference \
+         is part of it: where that is known its relMSE is taken off for the column without it, for systematic errors, the front and \
+         prices; no less than a third of that noise is told.",
     );
     notebook.note(
         "Seconds are of learning and drawing, and of measuring the error on the way, on all threads; reading the scene and \
@@ -257,18 +260,43 @@ impl<'a> Target<'a> {
             Some(given) => given,
             None => {
                 let (size, picture) = read(&own)?;
-                FullReference { size, picture, noise: None }
+                FullReference {
+                    size,
+                    picture,
+                    noise: notebook.last(REFERENCE_NOISE).map(|noise| 0.01 * noise),
+                }
             }
         };
         let pixels = &reference.picture;
         let mean = pixels.iter().map(|pixel| f64::from(pixel.mean())).sum::<f64>() / pixels.len() as f64;
         Ok((mean > 0.0 && mean.is_finite()).then_some(Target { subject, reference, mean }))
     }
+
+    /// relMSE of the reference's own noise; nothing where nobody has measured it.
+    fn noise(&self) -> f64 {
+        self.reference.noise.unwrap_or(0.0).powi(2)
+    }
+
+    /// A relMSE less that of the reference's own noise, which it holds, and no less than can be told beside that.
+    fn clean(&self, rel_mse: f64) -> f64 {
+        (rel_mse - self.noise()).max(TOLD_APART * self.noise())
+    }
+
+    /// The same of what two pictures have in common; `None` where that is no more than the noise of the reference.
+    fn clean_systematic(&self, systematic: Option<f64>) -> Option<f64> {
+        systematic
+            .map(|systematic| systematic - self.noise())
+            .filter(|left| *left > TOLD_APART * self.noise())
+    }
 }
 
+/// No path from the eye finds all of its light.
 fn hides_light(prepared: &Prepared) -> bool {
     prepared.plan.is_on(EffectKind::Caustics) && prepared.plan.facts.hides_light()
 }
+
+/// What of a relMSE must be left beside that of the reference's noise to be told apart from it, a share of that noise.
+const TOLD_APART: f64 = 0.1;
 
 /// Draws a reference and keeps it; returns what it is and how noisy.
 fn draw_reference(
@@ -397,9 +425,10 @@ fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2]) -> Result<Cells, R
             (ELAPSED, Cell::from(mean(pair[0].seconds(), pair[1].seconds()))),
             (SAMPLES, f64::from(rendering.passes()).into()),
             (ERROR, percent(Some(mean(first.rel_mse, second.rel_mse).sqrt()))),
+            (CLEAN, percent(Some(target.clean(mean(first.rel_mse, second.rel_mse)).sqrt()))),
             (TRIMMED, percent(Some(mean(first.trimmed, second.trimmed).sqrt()))),
             (BIAS, percent(Some(mean(first.bias, second.bias)))),
-            (SYSTEMATIC, percent(systematic.map(f64::sqrt))),
+            (SYSTEMATIC, percent(target.clean_systematic(systematic).map(f64::sqrt))),
             (NOISE, percent(Some(noise.sqrt()))),
             (MEASURED, percent(measured.map(|measured| measured.error()))),
             (LOW, percent(interval.map(|interval| interval[0]))),
@@ -465,6 +494,7 @@ fn peer_curve(
             [
                 (ELAPSED, Cell::from(point.seconds)),
                 (ERROR, percent(Some(error.error()))),
+                (CLEAN, percent(Some(target.clean(error.rel_mse).sqrt()))),
                 (TRIMMED, percent(Some(error.trimmed.sqrt()))),
                 (BIAS, percent(Some(error.bias))),
             ]
@@ -493,20 +523,20 @@ fn copied(row: &Row, columns: &[Column]) -> Cells {
 
 /// Of every scene what has the least error for its time: no other is as good as soon.
 fn front(notebook: &mut Notebook, subjects: &[Subject]) -> Result<(), ReportError> {
-    let columns = [SCENE, ELAPSED, TECHNIQUE, SETTINGS, ERROR];
+    let columns = [SCENE, ELAPSED, TECHNIQUE, SETTINGS, CLEAN];
     let about = "The Pareto front: nothing else had as little error as soon.";
     let rows: Vec<Cells> = subjects
         .iter()
         .flat_map(|subject| {
             let mut rows = rows_of(notebook, &subject.name);
             rows.sort_by(|a, b| {
-                let by = |row: &Row| (number(row, ELAPSED), number(row, ERROR));
+                let by = |row: &Row| (number(row, ELAPSED), number(row, CLEAN));
                 by(a).0.total_cmp(&by(b).0).then(by(a).1.total_cmp(&by(b).1))
             });
             let mut least = f64::INFINITY;
             rows.retain(|row| {
-                let is_better = number(row, ERROR) < least;
-                least = least.min(number(row, ERROR));
+                let is_better = number(row, CLEAN) < least;
+                least = least.min(number(row, CLEAN));
                 is_better
             });
             rows.into_iter().map(|row| copied(row, &columns)).collect::<Vec<_>>()
@@ -552,16 +582,16 @@ fn prices(notebook: &mut Notebook, subjects: &[Subject]) -> Result<(), ReportErr
 fn first_below<'a>(rows: &[&'a Row], target: f64) -> Option<(f64, &'a Row)> {
     let mut first: Option<(f64, &Row)> = None;
     for (index, row) in rows.iter().enumerate() {
-        if number(row, ERROR) > target {
+        if number(row, CLEAN) > target {
             continue;
         }
         // The row before is of the same curve, or this is its first.
         let before = index.checked_sub(1).map(|before| rows[before]);
         let before = before.filter(|before| before.cells.get(CURVE) == row.cells.get(CURVE));
         let seconds = match before {
-            Some(before) if number(before, ERROR) > target => {
+            Some(before) if number(before, CLEAN) > target => {
                 let [x0, x1] = [before, row].map(|row| number(row, ELAPSED).ln());
-                let [y0, y1] = [before, row].map(|row| number(row, ERROR).max(1e-9).ln());
+                let [y0, y1] = [before, row].map(|row| number(row, CLEAN).max(1e-9).ln());
                 (x0 + (x1 - x0) * (target.ln() - y0) / (y1 - y0)).exp()
             }
             // Below already: an earlier row says when.
@@ -629,7 +659,7 @@ mod tests {
     use super::*;
 
     fn row(curve: &str, elapsed: f64, error: f64) -> Row {
-        let cells = [(CURVE, Cell::from(curve)), (ELAPSED.key, elapsed.into()), (ERROR.key, error.into())];
+        let cells = [(CURVE, Cell::from(curve)), (ELAPSED.key, elapsed.into()), (CLEAN.key, error.into())];
         Row { key: String::new(), cells: cells.map(|(key, cell)| (key.to_string(), cell)).into() }
     }
 

@@ -36,10 +36,16 @@ struct Picture {
 }
 
 const PICTURES: [Picture; 21] = [
-    picture(super::cost::CURVES, "Error over time", ("elapsed", "s"), ("error_percent", "√relMSE, %"), None)
-        .by("curve")
-        .by_scene()
-        .logarithmic(),
+    picture(
+        super::cost::CURVES,
+        "Error over time",
+        ("elapsed", "s"),
+        ("clean_error_percent", "√relMSE, %"),
+        None,
+    )
+    .by("curve")
+    .by_scene()
+    .logarithmic(),
     picture(
         super::cost::CURVES,
         "Systematic error over time",
@@ -68,7 +74,7 @@ const PICTURES: [Picture; 21] = [
         super::cost::FRONT,
         "The least error for a time",
         ("elapsed", "s"),
-        ("error_percent", "√relMSE, %"),
+        ("clean_error_percent", "√relMSE, %"),
         None,
     )
     .by("scene")

@@ -8,7 +8,7 @@ use serde_json::Value;
 use super::{
     Paper, ReportError, ReportJob, csv, html,
     machine::Machine,
-    table::{Cells, Row, Table},
+    table::{Cells, Column, Row, Table},
 };
 use crate::images::write_file;
 
@@ -116,6 +116,11 @@ impl Notebook {
     /// The folder of the report.
     pub(super) fn folder(&self) -> &Path {
         &self.out
+    }
+
+    /// A number of the newest row.
+    pub(super) fn last(&self, column: Column) -> Option<f64> {
+        self.report.tables.last()?.rows.last()?.cells.get(column.key)?.value()
     }
 
     /// A table that was begun.

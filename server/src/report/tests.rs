@@ -167,14 +167,16 @@ fn a_report_of_cost_is_whole_and_goes_on_where_it_was() {
         assert!(error > 0.1 && error < 1000.0, "{} {error}", row.key);
         // The mean of both errors is what they share and what they do not.
         if let Some(systematic) = figure("systematic_percent") {
-            assert!((noise.hypot(systematic) / error - 1.0).abs() < 1e-3, "{} {noise} {systematic}", row.key);
+            let clean = figure("clean_error_percent").unwrap();
+            assert!((noise.hypot(systematic) / clean - 1.0).abs() < 1e-3, "{} {noise} {systematic}", row.key);
+            assert!(clean <= error, "{} {clean} {error}", row.key);
         }
         assert!(figure("megabytes").unwrap() > 0.0 && figure("samples").unwrap() >= 1.0, "{}", row.key);
         assert!(figure("elapsed").unwrap() >= 0.25, "{}", row.key);
     }
     let front = of("front");
     let errors: Vec<f64> =
-        front.rows.iter().filter_map(|row| front.cell(row, "error_percent").value()).collect();
+        front.rows.iter().filter_map(|row| front.cell(row, "clean_error_percent").value()).collect();
     assert!(!errors.is_empty() && errors.is_sorted_by(|a, b| a > b), "{errors:?}");
     assert_eq!(of("prices").rows.len(), 5);
     // Four pictures with their differences, in the page and beside it.
