@@ -15,7 +15,7 @@ const LEAST: Duration = Duration::from_millis(250);
 /// Measure what accuracy costs in time: every technique against a reference; or a paper's tables again on this machine.
 ///
 /// Each technique draws a scene's first camera twice, for --time each, and is compared with a reference on the way: another
-/// renderer's picture from --references, or one that is path-traced first. Prints the tables as Markdown; writes report.html,
+/// renderer's picture from --references, or one that is drawn first. Prints the tables as Markdown; writes report.html,
 /// report.csv and report.json. A run that is stopped goes on where it was when it is started again with the same --out.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ReportArgs {

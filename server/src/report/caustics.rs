@@ -126,7 +126,7 @@ fn frame(subject: &Subject, photons: u32) -> Result<Cells, ReportError> {
         (BYTES, (bytes as f64 * 1e-3).into()),
         (SKETCH_MS, (1e3 * sketching.as_secs_f64() / frames).into()),
         // Where few photons show from near they are not used.
-        (SCREEN_MS, filtering.map_or(Cell::from("–"), |sum| (1e3 * sum.as_secs_f64() / frames).into())),
+        (SCREEN_MS, filtering.map(|sum| 1e3 * sum.as_secs_f64() / frames).into()),
     ]
     .map(|(column, cell)| (column.key.to_string(), cell))
     .into())

@@ -4,7 +4,7 @@
 //! that a run that was stopped goes on where it was. `octree.rs` measures figures 13, 14 and 17 of Vivanloc 2007 (light octree),
 //! `maps.rs` and `crease.rs` tables 8.1, 8.2 and 14.1 of Larsen 2004, `irradiance.rs` table 8.2 and figure 8.11 of Gautron
 //! 2008, `caustics.rs` what caustics cost beside path tracing; `drawing.rs` draws pictures by the clock, `subject.rs` finds scenes and references,
-//! `cost.rs` measures what accuracy costs with each technique, `peers.rs` reads what other renderers drew, `pictures.rs` shows where
+//! `cost/` measures what accuracy costs with each technique, `peers.rs` reads what other renderers drew, `pictures.rs` shows where
 //! the error sits. `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
 //! `csv.rs` write. Imports the engine and the command line's way to name scenes.
 

@@ -147,9 +147,9 @@ fn effects(facts: &SceneFacts) -> Vec<Effect> {
 fn caustics(facts: &SceneFacts) -> Effect {
     let senders = [(facts.mirror, "mirrors"), (facts.glossy, "glossy surfaces"), (facts.glass, "glass")];
     let senders: Vec<&str> = senders.iter().filter(|(count, _)| *count > 0).map(|(_, name)| *name).collect();
-    let senders = match senders[..] {
-        ["glass"] => "glass sends".into(),
-        _ => format!("{} send", senders.join(" and ")),
+    let (senders, them) = match senders[..] {
+        ["glass"] => ("glass sends".into(), "it"),
+        _ => (format!("{} send", senders.join(" and ")), "them"),
     };
     let (is_on, reason) = if !facts.is_lit() {
         (false, "nothing sends out light".into())
@@ -158,7 +158,7 @@ fn caustics(facts: &SceneFacts) -> Effect {
     } else if facts.diffuse == 0 && facts.glossy > 0 && facts.hides_light() {
         (
             true,
-            "mirrors or glass send the light of lamps without size on to glosses: photons alone find it"
+            "mirrors or glass send the light of lamps without size on to glossy surfaces: photons alone find it"
                 .into(),
         )
     } else if facts.diffuse == 0 {
@@ -167,7 +167,7 @@ fn caustics(facts: &SceneFacts) -> Effect {
         let light = "the light of lamps without size";
         (true, format!("{senders} {light} on to diffuse surfaces: photons alone find it"))
     } else {
-        (true, format!("{senders} light on to diffuse surfaces: photons are aimed at what does"))
+        (true, format!("{senders} light on to diffuse surfaces: photons are aimed at {them}"))
     };
     Effect { kind: EffectKind::Caustics, is_on, reason }
 }
