@@ -2,7 +2,8 @@
 //!
 //! By default the built-in room of boxes against a long run of the path tracer, with every technique that looks light up, a few
 //! seeds each; nothing depends on a clock. `LUMICAST_NIGHTLY=1` takes every shared reference, too, with
-//! `LUMICAST_COVERAGE_SEEDS` (10) pictures a technique, and prints a table. A reference has noise of its own: the interval holds
+//! `LUMICAST_COVERAGE_SEEDS` (10) pictures a technique with `LUMICAST_COVERAGE_RAYS` (200) a pixel, and prints a table;
+//! `LUMICAST_COVERAGE_VIEWS` takes only those whose name (SCENE-CAMERA) holds it. A reference has noise of its own: the interval holds
 //! the true error if it holds anything between the distance to the reference and what is left of it without that noise.
 
 use std::path::Path;
@@ -139,11 +140,16 @@ fn intervals_hold_the_true_error() {
     let noise = std::fs::read(shared.join("references/noise.json")).expect("noise.json");
     let noise: serde_json::Value = serde_json::from_slice(&noise).expect("noise.json is JSON");
     let entries = noise.as_object().expect("an object").iter().filter(|(name, _)| !name.ends_with("-direct"));
-    for (name, facts) in entries {
+    let views = std::env::var("LUMICAST_COVERAGE_VIEWS").unwrap_or_default();
+    let rays_a_pixel = match std::env::var("LUMICAST_COVERAGE_RAYS") {
+        Ok(text) => text.parse().expect("LUMICAST_COVERAGE_RAYS"),
+        Err(_) => 200,
+    };
+    for (name, facts) in entries.filter(|(name, _)| name.contains(&views)) {
         let subject = Subject::shared(&shared, name, facts);
         for indirect in TECHNIQUES {
             // A table for people: through glass and in dark corners some hundred pixels see too little, and the README says so.
-            judge_all(&subject, indirect, seeds, 200);
+            judge_all(&subject, indirect, seeds, rays_a_pixel);
         }
     }
 }

@@ -53,10 +53,13 @@ impl MeasuredError {
     /// A picture that is exactly right.
     pub const NONE: MeasuredError = MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: Some(0.0) };
 
+    /// How far above the error asked for the true one may be.
+    pub const SURENESS: f64 = 1.1;
+
     /// Whether a picture with this measure is as good as `target` (√relMSE): by the estimate, and surely not a tenth worse.
     pub fn reaches(&self, target: f64) -> bool {
         let [_, high] = self.error_interval_95();
-        self.error() <= target && high <= SURENESS * target
+        self.error() <= target && high <= Self::SURENESS * target
     }
 
     /// The less doubtful of two measures of one picture.
@@ -206,8 +209,6 @@ fn added(sum: [f64; 3], value: &[f64; 3]) -> [f64; 3] {
 /// Standard deviation of the estimate by its weights, relative: that of the twelve measurements above (3.4 % of the
 /// error is 7 % of its square).
 const WEIGHT_DEVIATION: f64 = 0.07;
-/// How far above the error asked for the true one may be.
-const SURENESS: f64 = 1.1;
 /// A mean so many times its deviation above zero is not there by chance alone.
 const RESOLVED: f64 = 1.25;
 /// What differs by so many times its standard deviation does not by chance.

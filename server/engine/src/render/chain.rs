@@ -17,23 +17,56 @@ use crate::{
     transport::{PathClass, World},
 };
 
-/// Share of all rays that measuring takes: some 5 % of the time, since its rays go farther than most.
-const GAUGE_SHARE: f64 = 0.03;
+/// Share of rays for each share of the time: rays of measuring go farther than most.
+const RAYS_FOR_TIME: f64 = 0.6;
 /// Samples of each half of a gauge's pixels before it is believed.
 const SAMPLES_BELIEVED: u32 = 16;
 /// The next decision falls due when the picture has this share of samples more than at the last: deciding looks at all pixels.
 const DECIDED_GROWTH: f64 = 0.125;
-/// More pixels instead of more samples for those there are, once these are as well known as the picture is, and with so many
-/// samples in any case: at equal cost that leaves the least doubt of the mean.
+/// More pixels instead of more samples for those there are, once the noise of these is as small as what the errors of pixels
+/// differ by, and with so many samples in any case: at equal cost that leaves the least doubt of the mean.
 const SAMPLES_ENOUGH: [f64; 2] = [32.0, 16_384.0];
+/// Standard deviation of the squared errors of pixels over their mean: 1.4 for noise, far more where a few pixels are wrong.
+const ERRORS_SPREAD: f64 = 1.5;
+/// Squared error, over the square of what is blurred, that is expected of a caustic's shape or at an edge: some 15 %.
+const BLURRED: f32 = 0.02;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
 const NOISE_NEGLIGIBLE: f64 = 0.02;
+
+/// Share of the time that measuring a looked-up picture takes, in whole percent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MeasuringShare(u8);
+
+impl MeasuringShare {
+    /// Least and most, percent: below, nothing would be known of a picture; above, nothing be left for drawing it.
+    pub const PERCENTS: std::ops::RangeInclusive<u8> = 1..=50;
+
+    /// `None` outside of [`MeasuringShare::PERCENTS`].
+    pub fn of_percent(percent: u8) -> Option<MeasuringShare> {
+        Self::PERCENTS.contains(&percent).then_some(MeasuringShare(percent))
+    }
+
+    /// As a share of all rays.
+    fn of_rays(self) -> f64 {
+        RAYS_FOR_TIME * 0.01 * f64::from(self.0)
+    }
+}
+
+impl Default for MeasuringShare {
+    /// 5 %.
+    fn default() -> MeasuringShare {
+        MeasuringShare(5)
+    }
+}
 
 /// Measures one picture.
 #[derive(Debug)]
 pub(super) struct Measuring {
     gauge: Gauge,
+    share: MeasuringShare,
     rays: u64,
+    /// Rays that it may take beside its share, because its doubt is all that keeps a picture from being done.
+    granted: u64,
     samples_enough: f64,
     /// Where error is expected, and the film's passes when it was found.
     expected: (u32, Vec<f32>),
@@ -42,17 +75,29 @@ pub(super) struct Measuring {
 }
 
 impl Measuring {
-    pub(super) fn new(settings: PathSettings, size: PictureSize, hidden: Option<HiddenHalves>) -> Measuring {
+    pub(super) fn new(
+        settings: PathSettings,
+        size: PictureSize,
+        share: MeasuringShare,
+        hidden: Option<HiddenHalves>,
+    ) -> Measuring {
         Measuring {
             gauge: Gauge::new(settings, size),
+            share,
             rays: 0,
+            granted: 0,
             samples_enough: SAMPLES_ENOUGH[0],
             expected: (0, Vec::new()),
             hidden,
         }
     }
 
-    /// Measures until its share of `rays_spent` is used up.
+    /// Lets it take so many more rays than its share.
+    pub(super) fn grant(&mut self, rays: u64) {
+        self.granted += rays;
+    }
+
+    /// Measures until its share of `rays_spent`, and what it was granted, is used up.
     ///
     /// - `film`: of looked-up light
     pub(super) fn keep_up(
@@ -63,7 +108,8 @@ impl Measuring {
         cancel: &AtomicBool,
     ) -> Counts {
         let mut all = Counts::default();
-        let is_due = |rays: u64| (rays as f64) < GAUGE_SHARE * rays_spent as f64;
+        let due = (self.share.of_rays() * rays_spent as f64) as u64 + self.granted;
+        let is_due = |rays: u64| rays < due;
         while is_due(self.rays) {
             if let Some(hidden) = self.hidden.as_mut().filter(|hidden| hidden.is_due()) {
                 let progress = hidden.renew(world, cancel);
@@ -113,21 +159,35 @@ impl Measuring {
     }
 }
 
-/// Where a film of looked-up light may be wrong: where its samples differ, as at edges and in reflections, and where there
-/// are caustics, whose shapes are blurred. Relative to what is shown there, as the error is.
+/// Where a film of looked-up light may be wrong: by its noise, where there are caustics, whose shapes are blurred, and at
+/// edges, in corners and beneath things, where what is known of the light changes within less than it resolves. Relative to
+/// what is shown there, as the error is.
 fn expected_error(film: &Film) -> Vec<f32> {
-    let shown = film.radiance();
-    let mean = shown.iter().map(|colour| colour.luminance()).sum::<f32>() / shown.len() as f32;
-    let caustics = film.layer(PathClass::Caustic);
-    let variance = film.variance();
-    let passes = film.passes_min().max(1) as f32;
+    let shown: Vec<f32> = film.radiance().iter().map(|colour| colour.luminance()).collect();
+    let mean = shown.iter().sum::<f32>() / shown.len() as f32;
+    let (caustics, variance) = (film.layer(PathClass::Caustic), film.variance());
+    let width = film.size().width() as usize;
     (0..shown.len())
         .map(|index| {
-            let scale = shown[index].luminance().powi(2) + 0.01 * mean * mean;
-            let wrong = caustics[index].luminance().powi(2) + passes * variance[index];
+            let scale = shown[index].powi(2) + 0.01 * mean * mean;
+            let blurred = caustics[index].luminance().powi(2) + contrast(&shown, width, index);
+            let wrong = variance[index] + BLURRED * blurred;
             if scale > 0.0 { (wrong / scale).min(f32::MAX / shown.len() as f32) } else { 0.0 }
         })
         .collect()
+}
+
+/// Mean squared difference of a pixel's luminance from those next to it.
+fn contrast(shown: &[f32], width: usize, index: usize) -> f32 {
+    let (x, y) = (index % width, index / width);
+    let height = shown.len() / width;
+    let sides = [(x > 0, index.wrapping_sub(1)), (x + 1 < width, index + 1)];
+    let ends = [(y > 0, index.wrapping_sub(width)), (y + 1 < height, index + width)];
+    let squares = sides.into_iter().chain(ends).filter(|(is_there, _)| *is_there);
+    let (sum, count) = squares
+        .map(|(_, other)| (shown[other] - shown[index]).powi(2))
+        .fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
+    sum / f32::max(count, 1.0)
 }
 
 /// Whose turn it is.
@@ -152,6 +212,28 @@ impl Spent {
     }
 }
 
+/// What a picture of looked-up light is short of, as relMSE.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shortfall {
+    /// What further samples take off.
+    pub(super) noise: f64,
+    /// What only knowing the light better takes off.
+    pub(super) floor: f64,
+    /// What it surely takes off: the measure may have met the few pixels that are wrong.
+    pub(super) sure_floor: f64,
+}
+
+impl Shortfall {
+    /// Work on learning for each on drawing with which both take off as much: noise and what is not known both fall about as
+    /// one over the work that went into them. More than half of it goes into learning only where that surely is the larger
+    /// error.
+    pub(super) fn learning_share(&self) -> f64 {
+        let noise = self.noise.max(f64::MIN_POSITIVE);
+        let most = (self.sure_floor / noise).max(1.0);
+        (self.floor / noise).min(most)
+    }
+}
+
 /// What was last found of the films.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outlook {
@@ -161,8 +243,14 @@ pub(super) struct Outlook {
     noise: f64,
     passes: u32,
     floor: f64,
-    /// relMSE of a single path-traced pass.
+    /// relMSE of all of it, and the lower end of its interval.
+    error: f64,
+    sure_error: f64,
+    /// Passes of it, with those from before what is looked up was replaced.
+    kept_passes: u32,
+    /// relMSE of a single path-traced pass, and how many there are.
     variance: f64,
+    traced_passes: u32,
     /// Rays of a pass of either film.
     looked_up_rays: f64,
     traced_rays: f64,
@@ -182,7 +270,8 @@ impl Outlook {
         let by_gauge = measuring.error_of(&Picture::of(film), film)?;
         let by_tracing =
             traced.and_then(|(traced, _)| Picture::blended(film, traced).measured_error_of_film());
-        let error = by_tracing.map_or(by_gauge, |error| by_gauge.surer(error)).rel_mse;
+        let measured = by_tracing.map_or(by_gauge, |error| by_gauge.surer(error));
+        let (error, [sure_error, _]) = (measured.rel_mse, measured.interval_95);
         let pixel_count = film.size().pixel_count() as f64;
         // Passes are spread better over what there is to see than samples drawn one by one: their own noise is known best.
         let known = traced.and_then(|(film, spent)| Some((film.noise()?, spent)));
@@ -191,16 +280,41 @@ impl Outlook {
             None => (cost.variance, cost.rays * pixel_count),
         };
         let [least, most] = SAMPLES_ENOUGH;
-        measuring.samples_enough = (cost.variance / error.max(1e-12)).clamp(least, most);
+        measuring.samples_enough = (cost.variance / (ERRORS_SPREAD * error.max(1e-12))).clamp(least, most);
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
             noise,
             passes,
             floor: (error - noise).max(0.0),
+            error,
+            sure_error,
+            kept_passes: spent.passes.max(1),
             variance,
+            traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
             looked_up_rays: spent.rays_a_pass(),
             traced_rays,
         })
+    }
+
+    /// What the film of looked-up light is short of. Most of its noise is that of light whose samples were kept when what is
+    /// looked up was replaced: it is the less the more of them there are.
+    pub(super) fn shortfall(&self) -> Shortfall {
+        let noise = self.noise * (f64::from(self.passes) / f64::from(self.kept_passes)).min(1.0);
+        Shortfall {
+            noise,
+            floor: (self.error - noise).max(0.0),
+            sure_floor: (self.sure_error - noise).max(0.0),
+        }
+    }
+
+    /// The films as they were when it was found.
+    pub(super) fn films(&self) -> Films {
+        Films { looked_up: f64::from(self.kept_passes), traced: f64::from(self.traced_passes) }
+    }
+
+    /// relMSE that no sample of looked-up light takes off.
+    pub(super) fn own_error(&self) -> f64 {
+        self.shortfall().floor
     }
 
     /// It is old.
@@ -226,5 +340,49 @@ impl Outlook {
     pub(super) fn tracing_would_have_done(&self, rays_spent: u64) -> bool {
         let passes = rays_spent as f64 / self.traced_rays.max(1.0);
         self.variance / passes.max(1e-9) < self.floor
+    }
+}
+
+/// Passes of two films, as they may come to be.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Films {
+    looked_up: f64,
+    traced: f64,
+}
+
+impl Films {
+    /// Of both.
+    pub(super) fn passes(&self) -> f64 {
+        self.looked_up + self.traced
+    }
+
+    /// relMSE of the blend.
+    pub(super) fn error(&self, outlook: &Outlook) -> f64 {
+        let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
+        1.0 / (1.0 / own + self.traced / outlook.variance.max(f64::MIN_POSITIVE))
+    }
+
+    fn own_error(&self, outlook: &Outlook) -> f64 {
+        let Shortfall { noise, floor, .. } = outlook.shortfall();
+        floor + noise * f64::from(outlook.kept_passes) / self.looked_up
+    }
+
+    /// Goes on by passes of whichever film takes more off for each ray, or of looked-up light alone; returns the rays.
+    ///
+    /// - `share`: of the passes there are, at least one
+    pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool) -> f64 {
+        let passes = (share * self.passes()).max(1.0);
+        let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
+        let Shortfall { noise, .. } = outlook.shortfall();
+        let falls = noise * f64::from(outlook.kept_passes) / self.looked_up.powi(2);
+        let by_looking_up = falls / own / own / outlook.looked_up_rays.max(1.0);
+        let by_tracing = 1.0 / (outlook.variance * outlook.traced_rays).max(f64::MIN_POSITIVE);
+        if traces && by_tracing >= by_looking_up {
+            self.traced += passes;
+            passes * outlook.traced_rays
+        } else {
+            self.looked_up += passes;
+            passes * outlook.looked_up_rays
+        }
     }
 }

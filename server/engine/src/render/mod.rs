@@ -6,6 +6,7 @@
 //! measures what comes of it. Imports every room to its left; the server talks to this one.
 
 mod chain;
+mod forecast;
 mod hidden;
 mod illumination;
 mod learner;
@@ -29,15 +30,21 @@ use crate::{
     },
     transport::{PathClass, PathClasses, World},
 };
-use chain::{Measuring, Outlook, Spent, Turn};
+use chain::{Measuring, Outlook, Shortfall, Spent, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
+pub use chain::MeasuringShare;
+pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
 
-/// Work on learning for each that goes into drawing while there is more to learn: at first what is not known about the light
-/// shows more than the noise of what is sampled.
-const LEARNING_SHARE: f64 = 5.0;
+/// Work on learning for each that goes into drawing while there is more to learn: before it is measured what the picture is
+/// short of, and at least and at most afterwards.
+const LEARNING_SHARE: f64 = 1.0;
+const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
+
+/// An error that is measured this many times that asked for may in truth be that already, where it is known badly.
+const DOUBTED: f64 = 1.25;
 
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
 const SHARE_SHOWN: f64 = 0.01;
@@ -98,6 +105,8 @@ pub struct RenderSettings {
     pub learning: Learning,
     /// Effects that are chosen in place of the plan.
     pub effects: EffectChoices,
+    /// Time that measuring what is looked up may take, beside what [`Rendering::aim_at`] allows.
+    pub measuring: MeasuringShare,
 }
 
 impl RenderSettings {
@@ -179,11 +188,18 @@ pub struct Rendering {
     looked_up: PathClasses,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
-    /// Work on learning less that on passes, since the first pass.
-    lead: f64,
+    /// Work on learning, and on passes, in what [`Rendering::work`] counts.
+    learning: f64,
+    drawing: f64,
+    /// What the picture was last found to be short of, also of the light before it was known better.
+    shortfall: Option<Shortfall>,
     /// Where light is looked up: what the error is measured with, and what was found.
     measuring: Option<Measuring>,
     outlook: Option<Outlook>,
+    /// The error asked for, √relMSE.
+    target: Option<f64>,
+    /// By what is known the picture may have it, but not surely.
+    is_doubted: bool,
     counts: Counts,
     /// Rays of either film.
     looked_up_rays: u64,
@@ -258,9 +274,14 @@ impl Rendering {
             traced: None,
             settings,
             learner: None,
-            lead: 0.0,
-            measuring: measured.map(|hidden| Measuring::new(all_paths(&settings), size, hidden)),
+            learning: 0.0,
+            drawing: 0.0,
+            shortfall: None,
+            measuring: measured
+                .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
             outlook: None,
+            target: None,
+            is_doubted: false,
             counts: Counts::default(),
             looked_up_rays: 0,
             traced_rays: 0,
@@ -293,9 +314,12 @@ impl Rendering {
             Turn::Traced => self.trace(cancel),
         };
         self.counts += progress.counts;
-        self.lead -= LEARNING_SHARE * self.work(start, before);
+        self.drawing += self.work(start, before);
         // Whoever waits for a first picture waits for nothing else.
         if progress.complete && !is_first {
+            if let Some(measuring) = self.measuring.as_mut().filter(|_| self.is_doubted) {
+                measuring.grant(progress.counts.all_rays());
+            }
             self.measure(cancel);
         }
         Progress { counts: self.counts - before, ..progress }
@@ -382,19 +406,40 @@ impl Rendering {
         let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
             self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
+            self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
+            self.is_doubted = self.is_doubtful();
         }
     }
 
+    /// The picture may be as good as asked for, and only the measure is too uncertain to say so: then measuring gets as much work
+    /// as drawing.
+    fn is_doubtful(&self) -> bool {
+        let Some(target) = self.target.filter(|_| self.knows_its_light()) else { return false };
+        let measured = self.measured_error();
+        measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !measured.reaches(target))
+    }
+
+    /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.
+    pub fn aim_at(&mut self, target: Option<f64>) {
+        self.target = target;
+    }
+
+    /// More is drawn before more is learnt: the next work goes where it takes off more.
+    fn draws_next(&self) -> bool {
+        let [least, most] = LEARNING_SHARES;
+        let share = self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share());
+        self.learning > share.clamp(least, most) * self.drawing
+    }
+
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
-    /// learning gets [`LEARNING_SHARE`] of the work of drawing, until all is known. What is sampled of direct light is kept
-    /// throughout.
+    /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let is_late = self.is_late();
+        let (is_late, draws_next) = (self.is_late(), self.draws_next());
         let learner = self.learner.as_mut()?;
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || self.lead > 0.0 || is_late,
+            Stage::Rough => self.film.passes_min() == 0 || is_late || draws_next,
             Stage::Complete => true,
         };
         if is_pass_due {
@@ -415,7 +460,7 @@ impl Rendering {
         }
         self.counts += counts;
         if !is_first {
-            self.lead += self.work(start, counts_before);
+            self.learning += self.work(start, counts_before);
         }
         Some(Progress { counts, complete: false })
     }
@@ -491,6 +536,24 @@ impl Rendering {
         let Some(measuring) = &self.measuring else { return self.film.measured_error() };
         let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
         by_either.into_iter().flatten().reduce(MeasuredError::surer)
+    }
+
+    /// What is left to do until the picture has an error (√relMSE), as far as that can be told; `None` before anything is known.
+    ///
+    /// - `measured`: its error now
+    /// - `learns`: others learn more of its light
+    pub fn remaining(&self, measured: &MeasuredError, target: f64, learns: bool) -> Option<Remaining> {
+        if measured.reaches(target) {
+            return Some(Remaining::Nothing);
+        }
+        let rays = self.counts.all_rays() as f64;
+        let passes = f64::from(self.passes());
+        if self.measuring.is_none() || learns || !self.knows_its_light() {
+            // Noise falls as one over the work, and so about does what is not known yet of the light.
+            return (passes > 0.0).then(|| forecast::as_noise(measured, target, rays, passes));
+        }
+        let traces = self.settings.indirect == Indirect::Auto;
+        Some(forecast::of_films(&self.outlook?, measured, target, rays, traces))
     }
 
     /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.

@@ -23,7 +23,7 @@ const SETS_MAX: usize = 256;
 /// A set counts beside the first once it has this share of its samples.
 const COUNTED_SHARE: f64 = 0.5;
 /// Share of the pixels of a set that are drawn evenly, wherever error is expected.
-const EVEN_SHARE: f64 = 0.5;
+const EVEN_SHARE: f64 = 0.7;
 
 /// What samples cost and how they spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
