@@ -4,6 +4,7 @@
 pub mod accuracy;
 pub mod connection;
 pub mod effects;
+pub mod forecast;
 pub mod form;
 pub mod help;
 pub mod inspector;

@@ -8,9 +8,9 @@ use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT, Queryable};
 use lumicast_protocol::{
     CameraDescription, ClientMessage, Counts, Edit, EffectChoice, EffectChoices, EnvironmentDescription,
-    FrameHeader, Id, LightDescription, LightSource, Limits, MaterialDescription, MaterialProperties,
-    PayloadCodec, PayloadKind, Problem, ProblemKind, Projection, SUBPROTOCOL, SceneDescription, SceneId,
-    ServerHello, ServerMessage, Stats, Technique, View, Warning,
+    Forecast, ForecastRecord, ForecastWhen, FrameHeader, Id, LightDescription, LightSource, Limits,
+    MaterialDescription, MaterialProperties, PayloadCodec, PayloadKind, Problem, ProblemKind, Projection,
+    SUBPROTOCOL, SceneDescription, SceneId, ServerHello, ServerMessage, Stats, Technique, View, Warning,
 };
 use lumicast_viewer::app::{App, Options};
 use lumicast_viewer::model::Selected;
@@ -472,6 +472,11 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
             technique: Technique::Path,
             film_size: [640, 360],
             scale: 0.5,
+            forecast: vec![
+                Forecast { error: 0.1, when: ForecastWhen::Reached, seconds: Some(2.0), figure: None },
+                Forecast { error: 0.02, when: ForecastWhen::In, seconds: Some(40.0), figure: None },
+            ],
+            forecast_record: ForecastRecord { judged: 12, right: 11 },
         };
         server.hear(&mut window, &ServerMessage::Stats(stats));
     }
@@ -480,6 +485,9 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
     window.get_by_label("2.40 M/s");
     window.get_by_label("640 × 360  (scaled 50 %)");
     window.get_by_label("20 sent, 2 skipped");
+    window.get_by_label("since 2 s");
+    window.get_by_label("in about 40 s");
+    window.get_by_label("11 of 12");
 }
 
 #[test]

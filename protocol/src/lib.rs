@@ -7,6 +7,7 @@
 
 pub mod camera;
 pub mod edit;
+pub mod forecast;
 pub mod frame;
 pub mod id;
 pub mod light;
@@ -25,6 +26,7 @@ pub use edit::{
     AddMesh, AddNode, Change, Edit, EditBatch, EnvironmentImage, LoadGltf, RemoveCamera, RemoveLight,
     RemoveNode, SetEnvironment, SetMaterial, SetTransform,
 };
+pub use forecast::{Forecast, ForecastRecord, ForecastWhen, Preset};
 pub use frame::{FrameError, FrameHeader, PayloadCodec, PayloadKind};
 pub use id::{Id, IdError, SceneId};
 pub use light::{AddLight, LightKind, LightSource, SetLight};

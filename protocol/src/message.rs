@@ -3,6 +3,7 @@
 //! Clients must know their fields (unknown ones are refused); servers may grow theirs, clients ignore what they do not
 //! know. Stamps, requests and revisions stay below 2⁵³, so that JavaScript can hold them; larger ones are refused.
 
+use crate::forecast::{Forecast, ForecastRecord, Preset};
 use crate::limits::{safe_integer, safe_integer_option};
 use crate::{CameraPose, Edit, Id, Limits, Problem, SceneDescription, SceneId};
 use serde::{Deserialize, Serialize};
@@ -181,6 +182,9 @@ impl ToneMap {
 pub struct Accuracy {
     /// √relMSE as a fraction: the picture counts as converged and rests once it is reached. Default 0.01 (1 %).
     pub target_error: f32,
+    /// In place of `target_error`; default: none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<Preset>,
     /// Default `auto`.
     pub technique: Technique,
     /// Longest path in surface hits; absent = unlimited (Russian roulette ends paths without bias).
@@ -195,10 +199,18 @@ impl Default for Accuracy {
     fn default() -> Self {
         Self {
             target_error: 0.01,
+            preset: None,
             technique: Technique::Auto,
             bounces: None,
             effects: EffectChoices::default(),
         }
+    }
+}
+
+impl Accuracy {
+    /// √relMSE at which the picture rests; nothing if only the server's bound on samples ends it.
+    pub fn target(&self) -> Option<f32> {
+        self.preset.map_or(Some(self.target_error), Preset::error)
     }
 }
 
@@ -388,4 +400,11 @@ pub struct Stats {
     pub film_size: [u16; 2],
     /// Film size ÷ asked size; below 1 while the camera moves on a slow machine.
     pub scale: f32,
+    /// When the picture will be how good: the presets, coarse to fine, and the target if it is another. Empty before the
+    /// picture has its full size and an error.
+    #[serde(default)]
+    pub forecast: Vec<Forecast>,
+    /// How often this viewer's forecasts came true, since connecting.
+    #[serde(default)]
+    pub forecast_record: ForecastRecord,
 }

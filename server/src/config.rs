@@ -4,6 +4,7 @@
 //! like, or `--set key=value` for any key). `deploy/lumicast.toml` is this list as a file; a test keeps them equal.
 
 use crate::assets::AssetLimits;
+use lumicast_engine::render::MeasuringShare;
 use lumicast_engine::scene::SceneLimits;
 use lumicast_protocol::Limits;
 use serde::{Deserialize, Serialize};
@@ -175,6 +176,9 @@ settings! {
     frame_seconds: f64 = 2.0;
     /// Samples per pixel at which a picture rests even when its error is not reached.
     samples_max: u32 = 65_536;
+    /// Percent of the time that measuring the error of pictures may take, 1 to 50; where a viewer's target may be reached and
+    /// only doubt is left of it, as much as drawing takes.
+    measuring_percent: u8 = 5;
     /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
     /// them; at most 100 million. Up to four times as many where most of them leave the scene.
     photons: u32 = 1_000_000;
@@ -295,6 +299,12 @@ impl Config {
         }
     }
 
+    /// Share of the time that measuring the error of pictures may take.
+    pub fn measuring(&self) -> MeasuringShare {
+        // The number was checked when it was read.
+        MeasuringShare::of_percent(self.measuring_percent).unwrap_or_default()
+    }
+
     fn check(&self) -> Result<(), ConfigError> {
         let bad = |key, value: &dyn std::fmt::Display, expected| {
             Err(ConfigError::OutOfRange { key, value: value.to_string(), expected })
@@ -332,6 +342,9 @@ impl Config {
         }
         if !(1..=100_000_000).contains(&self.photons) {
             return bad("photons", &self.photons, "1 to 100000000");
+        }
+        if !MeasuringShare::PERCENTS.contains(&self.measuring_percent) {
+            return bad("measuring_percent", &self.measuring_percent, "1 to 50");
         }
         if !(4..=10).contains(&self.octree_depth) {
             return bad("octree_depth", &self.octree_depth, "4 to 10");

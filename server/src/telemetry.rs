@@ -120,6 +120,9 @@ pub struct Metrics {
     pub photon_groups_diverged: Counter,
     pub samples: Counter,
     pub render_us: Counter,
+    /// Forecasts of errors that were reached since, and those that named the time within a quarter of it.
+    pub forecasts_judged: Counter,
+    pub forecasts_right: Counter,
     pub film_bytes: Gauge,
 }
 
@@ -148,6 +151,8 @@ impl Default for Metrics {
             photon_groups_diverged: Counter::default(),
             samples: Counter::default(),
             render_us: Counter::default(),
+            forecasts_judged: Counter::default(),
+            forecasts_right: Counter::default(),
             film_bytes: Gauge::default(),
         }
     }
@@ -162,6 +167,8 @@ pub struct SceneFigures {
     pub revision: u64,
     /// Viewers connected.
     pub viewers: u32,
+    /// Largest measured error of its viewers' pictures, √relMSE as a fraction; nothing while none is measured.
+    pub error: Option<f64>,
 }
 
 impl Metrics {
@@ -188,6 +195,16 @@ impl Metrics {
                 &self.photon_groups_diverged,
             ),
             ("samples_total", "Pixel samples drawn", &self.samples),
+            (
+                "forecasts_judged_total",
+                "Forecasts of an error that was reached since",
+                &self.forecasts_judged,
+            ),
+            (
+                "forecasts_right_total",
+                "Forecasts that named the time within a quarter of it",
+                &self.forecasts_right,
+            ),
         ];
         for (name, help, counter) in counters {
             single(&mut out, name, "counter", help, counter.value() as f64);
@@ -209,8 +226,14 @@ impl Metrics {
         histogram(&mut out, "frame_latency_seconds", frame_help, &self.frame_latency);
         let edit_help = "From queueing a batch to its answer";
         histogram(&mut out, "edit_latency_seconds", edit_help, &self.edit_latency);
-        per_scene(&mut out, "scene_revision", "Revision of each scene", scenes, |scene| scene.revision);
-        per_scene(&mut out, "scene_viewers", "Viewers of each scene", scenes, |scene| scene.viewers.into());
+        per_scene(&mut out, "scene_revision", "Revision of each scene", scenes, |scene| {
+            Some(scene.revision as f64)
+        });
+        per_scene(&mut out, "scene_viewers", "Viewers of each scene", scenes, |scene| {
+            Some(scene.viewers.into())
+        });
+        let help = "Largest measured error of a scene's viewers, √relMSE as a fraction";
+        per_scene(&mut out, "scene_error", help, scenes, |scene| scene.error);
         out
     }
 }
@@ -242,12 +265,12 @@ fn per_scene(
     name: &str,
     help: &str,
     scenes: &[SceneFigures],
-    value: impl Fn(&SceneFigures) -> u64,
+    value: impl Fn(&SceneFigures) -> Option<f64>,
 ) {
     head(out, name, "gauge", help);
-    for scene in scenes {
+    for (scene, value) in scenes.iter().filter_map(|scene| Some((scene, value(scene)?))) {
         // A scene's id holds no quotes and no backslashes.
-        let _ = writeln!(out, "lumicast_{name}{{scene=\"{}\"}} {}", scene.id, value(scene));
+        let _ = writeln!(out, "lumicast_{name}{{scene=\"{}\"}} {value}", scene.id);
     }
 }
 
@@ -260,8 +283,13 @@ mod tests {
         let metrics = Metrics::default();
         metrics.frame_latency.record(Duration::from_millis(15));
         metrics.frame_latency.record(Duration::from_secs(60));
-        let text = metrics.to_prometheus(&[SceneFigures { id: "box".into(), revision: 3, viewers: 1 }]);
+        let text = metrics.to_prometheus(&[
+            SceneFigures { id: "box".into(), revision: 3, viewers: 1, error: Some(0.05) },
+            SceneFigures { id: "dark".into(), revision: 1, viewers: 0, error: None },
+        ]);
         assert!(text.contains("lumicast_scene_revision{scene=\"box\"} 3"));
+        assert!(text.contains("lumicast_scene_error{scene=\"box\"} 0.05"));
+        assert!(!text.contains("lumicast_scene_error{scene=\"dark\"}"));
         assert!(text.contains("lumicast_frame_latency_seconds_bucket{le=\"0.01\"} 0"));
         assert!(text.contains("lumicast_frame_latency_seconds_bucket{le=\"0.02\"} 1"));
         assert!(text.contains("lumicast_frame_latency_seconds_bucket{le=\"+Inf\"} 2"));

@@ -146,6 +146,7 @@ impl ErrorHistory {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use lumicast_protocol::ForecastRecord;
 
     pub(crate) fn stats(seconds: f64, error: Option<f32>, camera_stamp: u64) -> Stats {
         Stats {
@@ -163,6 +164,8 @@ mod tests {
             technique: Technique::Path,
             film_size: [64, 36],
             scale: 1.0,
+            forecast: Vec::new(),
+            forecast_record: ForecastRecord::default(),
         }
     }
 

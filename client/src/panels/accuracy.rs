@@ -1,5 +1,6 @@
 //! How the picture is developed (exposure, tone map, codec) and how exact it is to become.
 
+use super::forecast;
 use super::form::{form, line, tick};
 use crate::model::Model;
 use egui::{ComboBox, DragValue, Response, Slider, Ui};
@@ -57,13 +58,14 @@ pub fn show_accuracy(ui: &mut Ui, model: &mut Model) {
     let mut accuracy = model.accuracy();
     let bounces_max = model.hello.as_ref().map_or(1024, |hello| hello.limits.bounces.max(1));
     form(ui, "accuracy", |ui| {
+        forecast::show_presets(ui, &mut accuracy);
         let mut percent = accuracy.target_error * 100.0;
         let changed = line(ui, "Target error", "At this error the picture rests (√relMSE)", |ui| {
             ui.spacing_mut().slider_width = 92.0;
             ui.add(Slider::new(&mut percent, 0.05..=50.0).logarithmic(true).suffix(" %").max_decimals(2))
         });
         if changed {
-            accuracy.target_error = percent / 100.0;
+            (accuracy.target_error, accuracy.preset) = (percent / 100.0, None);
         }
         line(ui, "Technique", "Where indirect light comes from", |ui| {
             choice(ui, "technique", &mut accuracy.technique, &Technique::ALL, technique_name)

@@ -32,8 +32,8 @@ impl Axes {
     }
 }
 
-/// Draws the curve of the picture now, the one before, and the target. Both in fractions.
-pub fn show(ui: &mut Ui, errors: &ErrorHistory, target: f64) {
+/// Draws the curve of the picture now, the one before, and the target, if there is one. Both in fractions.
+pub fn show(ui: &mut Ui, errors: &ErrorHistory, target: Option<f64>) {
     let (response, painter) = ui.allocate_painter(Vec2::new(ui.available_width(), HEIGHT), Sense::hover());
     let points = errors.now.points.len();
     response
@@ -55,7 +55,8 @@ pub fn show(ui: &mut Ui, errors: &ErrorHistory, target: f64) {
     let axes = axes_around(response.rect, &all, target);
     grid(&painter, &axes);
     let clipped = painter.with_clip_rect(axes.area);
-    if (axes.error[0] - 1e-6..=axes.error[1] + 1e-6).contains(&target.log10()) {
+    let is_inside = |target: &f64| (axes.error[0] - 1e-6..=axes.error[1] + 1e-6).contains(&target.log10());
+    if let Some(target) = target.filter(is_inside) {
         let level =
             [axes.at(10f64.powf(axes.seconds[0]), target), axes.at(10f64.powf(axes.seconds[1]), target)];
         clipped.extend(Shape::dashed_line(&level, Stroke::new(1.0, theme::GOOD), 4.0, 4.0));
@@ -70,7 +71,7 @@ pub fn show(ui: &mut Ui, errors: &ErrorHistory, target: f64) {
     }
 }
 
-fn axes_around(rect: Rect, points: &[Point], target: f64) -> Axes {
+fn axes_around(rect: Rect, points: &[Point], target: Option<f64>) -> Axes {
     let decades = |values: &mut dyn Iterator<Item = f64>| -> Decades {
         let (low, high) =
             values.fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
@@ -81,7 +82,7 @@ fn axes_around(rect: Rect, points: &[Point], target: f64) -> Axes {
     };
     // The target belongs into the picture when it is near: a goal far below would press the curve to the ceiling.
     let smallest = points.iter().map(|point| f64::from(point.error)).fold(f64::MAX, f64::min);
-    let goal = (target > smallest * 0.03).then_some(target);
+    let goal = target.filter(|target| *target > smallest * 0.03);
     Axes {
         area: Rect::from_min_max(rect.min + Vec2::new(MARGIN.x, 6.0), rect.max - Vec2::new(8.0, MARGIN.y)),
         seconds: decades(&mut points.iter().map(|point| point.seconds)),
@@ -190,7 +191,7 @@ mod tests {
     fn every_point_lies_inside_the_axes_and_falling_error_goes_down() {
         let points = [point(0.013, 1.7), point(0.5, 0.3), point(77.0, 0.021)];
         let rect = Rect::from_min_size(Pos2::ZERO, Vec2::new(300.0, HEIGHT));
-        let axes = axes_around(rect, &points, 0.01);
+        let axes = axes_around(rect, &points, Some(0.01));
         let mut before = Pos2::ZERO;
         for point in points {
             let at = axes.at(point.seconds, f64::from(point.error));
@@ -205,7 +206,7 @@ mod tests {
     fn a_single_or_absurd_point_gives_finite_axes() {
         let rect = Rect::from_min_size(Pos2::ZERO, Vec2::new(300.0, HEIGHT));
         for odd in [point(1.0, 1.0), point(1e-300, 1e-38), point(1e300, f32::MAX)] {
-            let axes = axes_around(rect, &[odd], 0.01);
+            let axes = axes_around(rect, &[odd], Some(0.01));
             for axis in [axes.seconds, axes.error] {
                 assert!(axis[1] > axis[0] && steps(axis).count() < 100, "{axis:?}");
             }

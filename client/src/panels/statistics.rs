@@ -1,7 +1,7 @@
 //! How picture and line are doing: the error with its curve, frames, latencies, bytes.
 
 use super::form::{fact, facts};
-use super::{numbers, plot};
+use super::{forecast, numbers, plot};
 use crate::model::Model;
 use crate::model::history::Latencies;
 use crate::theme;
@@ -9,8 +9,11 @@ use egui::{RichText, Ui};
 
 /// The whole panel.
 pub fn show(ui: &mut Ui, model: &Model, now_s: f64) {
-    plot::show(ui, &model.errors, f64::from(model.accuracy().target_error));
+    plot::show(ui, &model.errors, model.accuracy().target().map(f64::from));
     ui.add_space(4.0);
+    if let Some(stats) = &model.stats {
+        forecast::show(ui, stats);
+    }
     facts(ui, "statistics", |ui| {
         picture(ui, model);
         ui.end_row();

@@ -5,6 +5,7 @@
 
 mod alarm;
 mod arguments;
+mod forecast;
 mod interrupt;
 mod progress;
 mod snapshots;
@@ -33,6 +34,7 @@ use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_
 use alarm::Alarm;
 pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
 pub(super) use arguments::{parse_duration, parse_indirect};
+use forecast::Outlook;
 use interrupt::Interrupt;
 use progress::Progress;
 use snapshots::Snapshots;
@@ -105,6 +107,7 @@ struct Outcome {
     seconds: f64,
     frame_seconds: f64,
     snapshot_count: usize,
+    outlook: Outlook,
     interrupt: Interrupt,
 }
 
@@ -144,7 +147,7 @@ impl<'a> Job<'a> {
     }
 
     fn rendering(&self) -> Rendering {
-        let RenderArgs { bounces, seed, effects, .. } = *self.args;
+        let RenderArgs { bounces, seed, effects, measuring, .. } = *self.args;
         let indirect = self.args.technique();
         let learning = match self.rule {
             // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
@@ -155,8 +158,10 @@ impl<'a> Job<'a> {
             StopRule { samples: Some(_), .. } => Learning::First,
             StopRule { .. } => Learning::InStep,
         };
-        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning, effects };
-        Rendering::new(self.world.clone(), self.view, self.size, settings)
+        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning, effects, measuring };
+        let mut rendering = Rendering::new(self.world.clone(), self.view, self.size, settings);
+        rendering.aim_at(self.rule.error);
+        rendering
     }
 
     /// Seconds of work: everything since the start but loading the scene.
@@ -175,6 +180,7 @@ impl<'a> Job<'a> {
         let alarm = Alarm::new(cancel.clone())?;
         let interrupt = Interrupt::watch(cancel.clone())?;
         let mut progress = Progress::new(self.rule);
+        let mut outlook = Outlook::new(&self.rule);
         self.announce();
         let mut frame_seconds = 0.0;
         let stopped_by = loop {
@@ -196,7 +202,8 @@ impl<'a> Job<'a> {
             self.pool.install(|| rendering.step(&cancel));
             frame_seconds += step_start.elapsed().as_secs_f64();
             let seconds = self.seconds();
-            progress.show(rendering, seconds);
+            outlook.look_if_due(rendering, seconds);
+            progress.show(rendering, &outlook, seconds);
             if rendering.passes() == 0 || interrupt.came().is_some() {
                 continue;
             }
@@ -211,11 +218,12 @@ impl<'a> Job<'a> {
         };
         progress.finish();
         let seconds = self.seconds();
+        outlook.look(rendering, seconds);
         if let Some(snapshots) = &mut snapshots {
             snapshots.take(rendering, &self.facts_now(rendering), seconds)?;
         }
         let snapshot_count = snapshots.map_or(0, |snapshots| snapshots.count());
-        Ok(Outcome { stopped_by, seconds, frame_seconds, snapshot_count, interrupt })
+        Ok(Outcome { stopped_by, seconds, frame_seconds, snapshot_count, outlook, interrupt })
     }
 
     /// Sample and error bounds are looked at after whole passes only, so that no alarm decides about them.
@@ -307,6 +315,8 @@ impl<'a> Job<'a> {
             error,
             error_ci,
             error_trimmed,
+            forecast: outcome.outlook.facts(),
+            forecast_record: outcome.outlook.record(),
             seconds: Seconds {
                 load: self.load_seconds,
                 bvh: self.bvh_seconds,

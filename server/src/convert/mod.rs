@@ -122,6 +122,24 @@ pub fn tone_map(tone_map: wire::ToneMap) -> film::ToneMap {
     }
 }
 
+/// When a picture will have an error, for the wire.
+pub fn forecast(expected: &render::Expected) -> wire::Forecast {
+    let (when, seconds, figure) = match expected.when {
+        render::When::Reached { at_s } => (wire::ForecastWhen::Reached, Some(at_s), None),
+        render::When::In { seconds } => (wire::ForecastWhen::In, Some(seconds), None),
+        render::When::OutOfReach { error } => (wire::ForecastWhen::OutOfReach, None, Some(error)),
+        render::When::BeyondSamples { samples } => (wire::ForecastWhen::BeyondSamples, None, Some(samples)),
+        render::When::Unknown => (wire::ForecastWhen::Unknown, None, None),
+    };
+    wire::Forecast { error: expected.target as f32, when, seconds, figure }
+}
+
+/// How many forecasts came true, for the wire.
+pub fn forecast_record(record: render::ForecastRecord) -> wire::ForecastRecord {
+    let render::ForecastRecord { judged, right } = record;
+    wire::ForecastRecord { judged, right }
+}
+
 /// Effects that a viewer chooses in place of the scene's plan.
 pub fn effect_choices(choices: wire::EffectChoices) -> effects::EffectChoices {
     let choice = |choice| match choice {

@@ -8,7 +8,7 @@ use axum::extract::{Path, Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use lumicast_engine::film::{PictureSize, ToneMap};
-use lumicast_protocol::ProblemKind;
+use lumicast_protocol::{Preset, ProblemKind};
 use serde::Deserialize;
 use std::time::Duration;
 
@@ -25,14 +25,14 @@ pub(super) struct FrameQuery {
     exposure_ev: Option<f32>,
 }
 
-/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. Without `error` and `time` it takes `frame_seconds` of the settings.
+/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`.
 #[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
     params(
         ("id" = String, Path, description = "Scene"),
         ("camera" = Option<String>, Query, description = "A camera of the scene; default: the first"),
         ("size" = Option<String>, Query, description = "WxH in pixels, such as 640x360"),
         ("format" = Option<String>, Query, description = "png (default), jpeg, or exr: linear radiance"),
-        ("error" = Option<f64>, Query, description = "√relMSE as a fraction at which it is done, such as 0.02"),
+        ("error" = Option<String>, Query, description = "√relMSE at which it is done, as a fraction or in percent, such as 0.02 or 2%; converged: only `time` and the server's limits end it"),
         ("time" = Option<String>, Query, description = "Seconds after which it is done: 2, 2s or 500ms"),
         ("tone_map" = Option<String>, Query, description = "linear, reinhard, aces (default) or agx; not for exr"),
         ("exposure_ev" = Option<f32>, Query, description = "Stops, −32 to 32; not for exr")),
@@ -42,6 +42,7 @@ pub(super) struct FrameQuery {
                 ("ETag" = String, description = "Revision in quotes"),
                 ("Lumicast-Samples" = u32, description = "Per pixel"),
                 ("Lumicast-Error" = f64, description = "√relMSE as a fraction, where it was measured"),
+                ("Lumicast-Done-By" = String, description = "What ended it: error, time or samples (the server's `samples_max`)"),
                 ("Lumicast-Seconds" = f64, description = "Spent on it"))),
         (status = 404, description = "No such scene or camera", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 422, description = "A parameter is out of range", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
@@ -66,6 +67,7 @@ pub(super) async fn get(
             ("etag", format!("\"{}\"", picture.revision)),
             ("lumicast-samples", picture.samples.to_string()),
             ("lumicast-seconds", format!("{:.3}", picture.seconds)),
+            ("lumicast-done-by", picture.done_by.name().to_string()),
         ],
         picture.bytes,
     )
@@ -118,24 +120,34 @@ fn size_of(text: &str, config: &Config) -> Result<PictureSize, HttpProblem> {
 
 fn until_of(error: Option<&str>, time: Option<&str>, config: &Config) -> Result<Until, HttpProblem> {
     let seconds_max = config.frame_seconds_max;
-    match (error, time) {
-        (Some(_), Some(_)) => Err(bad("error", "give `error` or `time`, not both")),
-        (None, None) => Ok(Until::Time(Duration::from_secs_f64(config.frame_seconds.min(seconds_max)))),
-        (Some(text), None) => match text.parse::<f64>() {
-            Ok(error) if error > 0.0 && error.is_finite() => Ok(Until::Error(error)),
-            _ => Err(bad("error", "a fraction above 0, such as 0.02 for 2 %")),
-        },
-        (None, Some(text)) => {
-            let (number, unit) = match text.strip_suffix("ms") {
-                Some(number) => (number, 1e-3),
-                None => (text.strip_suffix('s').unwrap_or(text), 1.0),
-            };
-            match number.parse::<f64>().map(|number| number * unit) {
-                Ok(seconds) if seconds > 0.0 && seconds <= seconds_max => {
-                    Ok(Until::Time(Duration::from_secs_f64(seconds)))
-                }
-                _ => Err(bad("time", format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
-            }
-        }
+    let time = time.map(|text| time_of(text, seconds_max)).transpose()?;
+    let longest = if error.is_some() { seconds_max } else { config.frame_seconds.min(seconds_max) };
+    let error = match error {
+        None => None,
+        Some(text) if text == Preset::Converged.name() => None,
+        Some(text) => Some(error_of(text)?),
+    };
+    Ok(Until { error, time: time.unwrap_or(Duration::from_secs_f64(longest)) })
+}
+
+fn error_of(text: &str) -> Result<f64, HttpProblem> {
+    let (number, factor) = match text.strip_suffix('%') {
+        Some(number) => (number, 0.01),
+        None => (text, 1.0),
+    };
+    match number.parse::<f64>().map(|number| number * factor) {
+        Ok(error) if error > 0.0 && error.is_finite() => Ok(error),
+        _ => Err(bad("error", "a fraction above 0 or percent, such as 0.02 or 2%, or converged")),
+    }
+}
+
+fn time_of(text: &str, seconds_max: f64) -> Result<Duration, HttpProblem> {
+    let (number, unit) = match text.strip_suffix("ms") {
+        Some(number) => (number, 1e-3),
+        None => (text.strip_suffix('s').unwrap_or(text), 1.0),
+    };
+    match number.parse::<f64>().map(|number| number * unit) {
+        Ok(seconds) if seconds > 0.0 && seconds <= seconds_max => Ok(Duration::from_secs_f64(seconds)),
+        _ => Err(bad("time", format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
     }
 }

@@ -9,6 +9,7 @@
 
 mod alarm;
 mod desk;
+mod foretold;
 mod frames;
 mod history;
 mod ladder;
@@ -38,7 +39,7 @@ use std::time::Instant;
 use tokio::sync::{broadcast, oneshot, watch};
 
 pub use registry::{CreateError, Origin, Scenes};
-pub use request::{PictureFormat, PictureRequest, RequestedPicture, Until};
+pub use request::{DoneBy, PictureFormat, PictureRequest, RequestedPicture, Until};
 pub use viewer::{Outgoing, Viewer};
 
 /// What every scene of a server shares.
@@ -317,6 +318,13 @@ impl Scene {
     /// Viewers connected.
     pub fn viewer_count(&self) -> u32 {
         u32::try_from(lock(&self.board).viewers.len()).unwrap_or(u32::MAX)
+    }
+
+    /// Largest measured error of its viewers' pictures, √relMSE as a fraction; `None` while none is measured.
+    pub fn error(&self) -> Option<f64> {
+        let viewers = lock(&self.board).viewers.clone();
+        let errors = viewers.iter().filter_map(|viewer| viewer.stats()?.error);
+        errors.reduce(f32::max).map(f64::from)
     }
 
     /// A new viewer; it gets pictures once it has a camera. [`Scene::leave`] lets it go.

@@ -6,6 +6,7 @@
 //! of time in between. All films live here; a stalled viewer's is left alone.
 
 use super::alarm::Alarm;
+use super::foretold::Look;
 use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::{Gaze, LightKey, Lighting};
@@ -270,6 +271,7 @@ impl Painter {
             seed: self.scene.workshop.config.seed,
             learning: Learning::Alongside { until: None },
             effects: wish.effects,
+            measuring: self.scene.workshop.config.measuring(),
         }
     }
 
@@ -462,6 +464,7 @@ impl Painter {
             }
             return;
         }
+        layer.rendering.aim_at((wish.target_error > 0.0).then_some(wish.target_error));
         let complete = self.pass(&mut layer.rendering, film, cut);
         let due = film.is_due(&layer);
         film.layer = Some(layer);
@@ -537,6 +540,22 @@ impl Painter {
         film.measured = pool.install(|| rendering.measured_error_of(&picture));
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit: self.is_lit(film) };
         let converged = film.has_converged(layer, wish, rest);
+        if layer.divisor > film.divisor_min {
+            film.foretold.pause();
+        } else {
+            let look = Look {
+                layer,
+                measured: film.measured,
+                seconds: film.started.elapsed().as_secs_f64(),
+                learns: !rest.is_lit,
+                samples_max: film.samples_max(layer, rest),
+                target: wish.target_error,
+            };
+            let came_true = film.foretold.look(look);
+            let metrics = &self.scene.workshop.metrics;
+            metrics.forecasts_judged.add(came_true.judged);
+            metrics.forecasts_right.add(came_true.right);
+        }
         film.rests_at = (converged && film.is_lit_by_the_scene()).then_some(wish.target_error);
         let codec = frames::codec(wish.quality.codec, converged);
         film.offer_at_passes = next_offer_after(passes);

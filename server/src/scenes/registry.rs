@@ -131,6 +131,7 @@ impl Scenes {
             id: scene.id().to_string(),
             revision: scene.revision(),
             viewers: scene.viewer_count(),
+            error: scene.error(),
         };
         self.all().iter().map(figures).collect()
     }

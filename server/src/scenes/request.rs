@@ -27,13 +27,35 @@ pub enum PictureFormat {
     Jpeg,
 }
 
-/// When a picture is done.
+/// When a picture is done: whatever comes first.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Until {
-    /// At this √relMSE, as a fraction, or at the longest time the server allows.
-    Error(f64),
+pub struct Until {
+    /// At this √relMSE, as a fraction.
+    pub error: Option<f64>,
     /// After this time.
-    Time(Duration),
+    pub time: Duration,
+}
+
+/// Why a picture was done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DoneBy {
+    /// It has the error asked for.
+    Error,
+    /// The time was over.
+    Time,
+    /// It has as many samples as the server allows.
+    Samples,
+}
+
+impl DoneBy {
+    /// As in the header of the answer.
+    pub fn name(self) -> &'static str {
+        match self {
+            DoneBy::Error => "error",
+            DoneBy::Time => "time",
+            DoneBy::Samples => "samples",
+        }
+    }
 }
 
 /// A picture to draw.
@@ -66,6 +88,8 @@ pub struct RequestedPicture {
     pub error: Option<f64>,
     /// Spent on it.
     pub seconds: f64,
+    /// What ended it.
+    pub done_by: DoneBy,
 }
 
 /// A request on its way to the render thread.
@@ -89,6 +113,7 @@ pub(super) struct Drawing {
     measure_at: u32,
     samples_max: u32,
     deadline: Instant,
+    done_by: Option<DoneBy>,
     seed: u64,
 }
 
@@ -149,22 +174,27 @@ impl Scene {
 impl Drawing {
     pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
         let config = &workshop.config;
-        let seconds = match job.request.until {
-            Until::Time(time) => time.min(Duration::from_secs_f64(config.frame_seconds_max)),
-            Until::Error(_) => Duration::from_secs_f64(config.frame_seconds_max),
-        };
+        let seconds = job.request.until.time.min(Duration::from_secs_f64(config.frame_seconds_max));
         let started = Instant::now();
         let learning = Learning::Alongside { until: Some(started + seconds.mul_f64(LEARNING_SHARE)) };
-        let settings =
-            RenderSettings { indirect: INDIRECT, seed: config.seed, learning, ..RenderSettings::default() };
+        let settings = RenderSettings {
+            indirect: INDIRECT,
+            seed: config.seed,
+            learning,
+            measuring: config.measuring(),
+            ..RenderSettings::default()
+        };
         let bytes = settings.picture_bytes(&job.snapshot.plan, job.size.pixel_count());
+        let mut rendering = Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings);
+        rendering.aim_at(job.request.until.error);
         Drawing {
-            rendering: Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings),
+            rendering,
             memory: super::viewer_film::FilmMemory::of(workshop, bytes),
             started,
             measure_at: 2,
             samples_max: config.samples_max,
             deadline: started + seconds,
+            done_by: None,
             seed: config.seed,
             job,
         }
@@ -182,26 +212,34 @@ impl Drawing {
 
     /// Whether it is as good as was asked for.
     pub(super) fn is_done(&mut self) -> bool {
+        self.done_by = self.done_by.or_else(|| self.ends_by());
+        self.done_by.is_some()
+    }
+
+    fn ends_by(&mut self) -> Option<DoneBy> {
         let passes = self.rendering.passes();
         if passes == 0 {
-            return false;
+            return None;
         }
         if passes >= self.measure_at {
             self.measure_at = passes + passes.div_ceil(4);
-            if let (Until::Error(target), Some(measured)) =
-                (self.job.request.until, self.rendering.measured_error())
+            if let (Some(target), Some(measured)) =
+                (self.job.request.until.error, self.rendering.measured_error())
                 // Eight passes: four in each half, the least that says something about the spread.
                 && passes >= 8 && measured.reaches(target)
             {
-                return true;
+                return Some(DoneBy::Error);
             }
         }
-        passes >= self.samples_max || Instant::now() >= self.deadline
+        if passes >= self.samples_max {
+            return Some(DoneBy::Samples);
+        }
+        (Instant::now() >= self.deadline).then_some(DoneBy::Time)
     }
 
     /// Packs and answers; takes up to a second for a large EXR, so not on the render thread.
     pub(super) fn finish(self) {
-        let Drawing { job, rendering, started, seed, memory: _memory, .. } = self;
+        let Drawing { job, rendering, started, seed, done_by, memory: _memory, .. } = self;
         let picture = rendering.picture();
         let measured = rendering.measured_error();
         let error = measured.map(|measured| measured.error());
@@ -224,10 +262,11 @@ impl Drawing {
                 images::encode_exr(&picture, ExrLayers::Plain, &facts)
             }
         };
-        let revision = job.snapshot.revision;
-        let samples = rendering.passes();
+        let (revision, samples) = (job.snapshot.revision, rendering.passes());
+        // Given up ones are not answered.
+        let done_by = done_by.unwrap_or(DoneBy::Time);
         // Who asked may have gone in the meantime.
-        let _ =
-            job.reply.send(bytes.map(|bytes| RequestedPicture { bytes, revision, samples, error, seconds }));
+        let picture = |bytes| RequestedPicture { bytes, revision, samples, error, seconds, done_by };
+        let _ = job.reply.send(bytes.map(picture));
     }
 }

@@ -40,6 +40,7 @@ pub(super) struct Wish {
     pub(super) quality: Quality,
     /// How many quality messages there were.
     pub(super) quality_count: u64,
+    /// 0: none; only the bound on samples ends the picture.
     pub(super) target_error: f64,
     pub(super) indirect: Indirect,
     pub(super) technique: Technique,
@@ -200,7 +201,7 @@ impl Viewer {
             received,
             quality: state.quality,
             quality_count: state.quality_count,
-            target_error: f64::from(state.accuracy.target_error),
+            target_error: state.accuracy.target().map_or(0.0, f64::from),
             indirect: state.indirect,
             technique: state.technique,
             bounces_max: state.accuracy.bounces,

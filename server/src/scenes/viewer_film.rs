@@ -2,6 +2,7 @@
 //!
 //! Decides and counts; whoever owns it draws. `painter.rs` holds one for every viewer.
 
+use super::foretold::Foretold;
 use super::frames::Packer;
 use super::ladder::{DIVISOR_MAX, Size, Speed};
 use super::lighting::LightKey;
@@ -110,6 +111,7 @@ pub(super) struct ViewerFilm {
     /// wake it.
     pub(super) rests_at: Option<f64>,
     pub(super) measured: Option<MeasuredError>,
+    pub(super) foretold: Foretold,
     pub(super) packer: Packer,
     pub(super) speed: Speed,
     pub(super) rays_per_second: f64,
@@ -159,6 +161,7 @@ impl ViewerFilm {
             relit_at_passes: 0,
             rests_at: None,
             measured: None,
+            foretold: Foretold::default(),
             packer: Packer::default(),
             speed,
             rays_per_second: 0.0,
@@ -175,6 +178,13 @@ impl ViewerFilm {
         self.measured = None;
         self.rests_at = None;
         self.relit_at_passes = 0;
+        self.foretold.restart();
+    }
+
+    /// Samples at which its picture rests in any case.
+    pub(super) fn samples_max(&self, layer: &Layer, rest: Rest) -> u32 {
+        let is_biased = layer.rendering.is_looked_up() && self.key.indirect != Indirect::Auto;
+        if is_biased { rest.samples_max.min(PASSES_BIASED) } else { rest.samples_max }
     }
 
     /// It shows what is known of the scene's light, for all viewers alike.
@@ -201,10 +211,9 @@ impl ViewerFilm {
 
     pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
-        let is_biased = layer.rendering.is_looked_up() && self.key.indirect != Indirect::Auto;
         let reached = match self.measured {
             Some(measured) if passes >= PASSES_BELIEVED && measured.reaches(wish.target_error) => true,
-            Some(_) => is_biased && passes >= PASSES_BIASED,
+            Some(_) => passes >= self.samples_max(layer, rest),
             None => passes >= PASSES_BLACK,
         };
         self.rests_at.is_some_and(|error| wish.target_error >= error)
@@ -242,6 +251,8 @@ impl ViewerFilm {
             technique: wish.technique,
             film_size: layer.size,
             scale: f32::from(layer.size[0]) / f32::from(self.key.full[0]),
+            forecast: self.foretold.facts(),
+            forecast_record: self.foretold.record(),
         }
     }
 

@@ -9,7 +9,7 @@ use std::{
 use lumicast_engine::{
     effects::{EffectChoice, EffectChoices},
     film::{PictureSize, ToneMap},
-    render::Indirect,
+    render::{Indirect, MeasuringShare},
     scene::{Camera, Scene},
 };
 
@@ -47,6 +47,10 @@ pub struct RenderArgs {
     /// where it is less than they can reach
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
+    /// Share of the time that measuring the error may take, such as 5%; from 1% to 50%. Where --error is asked for and only
+    /// doubt is left of whether it is reached, measuring takes as much as drawing. path measures itself and takes nothing
+    #[arg(long, value_name = "SHARE", default_value = "5%", value_parser = parse_measuring)]
+    pub measuring: MeasuringShare,
     /// Stop at this many samples per pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub samples: Option<u32>,
@@ -226,6 +230,14 @@ fn parse_error(value: &str) -> Result<f64, String> {
     } else {
         Err("must be above 0 and below 1 (0.02 or 2% stops at two percent)".into())
     }
+}
+
+fn parse_measuring(value: &str) -> Result<MeasuringShare, String> {
+    let percents = MeasuringShare::PERCENTS;
+    let number = value.strip_suffix('%').unwrap_or(value).parse().ok();
+    number
+        .and_then(MeasuringShare::of_percent)
+        .ok_or_else(|| format!("whole percent from {}% to {}%", percents.start(), percents.end()))
 }
 
 fn parse_exposure(value: &str) -> Result<f32, String> {

@@ -5,14 +5,14 @@ use std::time::{Duration, Instant};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use lumicast_engine::render::Rendering;
 
-use super::stop::StopRule;
+use super::{forecast::Outlook, stop::StopRule};
 
 /// Steps of the bar: finer than a terminal is wide.
 const STEPS: u64 = 1000;
-/// Between two looks at the film: measuring its error costs a few milliseconds on large pictures.
+/// Between two messages: people do not read faster.
 const PAUSE: Duration = Duration::from_millis(200);
 
-/// Shows samples, error, rays per second and the time left on standard error; nothing when that is no terminal.
+/// Shows samples, error, rays per second and what is expected on standard error; nothing when that is no terminal.
 #[derive(Debug)]
 pub(super) struct Progress {
     bar: ProgressBar,
@@ -32,21 +32,20 @@ impl Progress {
     }
 
     /// Shows how far `rendering` is after `seconds`.
-    pub(super) fn show(&mut self, rendering: &Rendering, seconds: f64) {
+    pub(super) fn show(&mut self, rendering: &Rendering, outlook: &Outlook, seconds: f64) {
         if self.bar.is_hidden() || self.shown_at.is_some_and(|at| at.elapsed() < PAUSE) {
             return;
         }
         self.shown_at = Some(Instant::now());
-        let error = rendering.measured_error().map(|error| error.error());
+        let error = outlook.measured().map(|error| error.error());
         let done = done_share(&self.rule, rendering.passes(), seconds, error);
         let counts = rendering.counts();
         let rays_per_second = counts.all_rays() as f64 / seconds.max(1e-9);
         let error = error.map_or("–".into(), |error| format!("{:.2} %", error * 100.0));
-        let left =
-            if done > 0.0 { format!("{:.0} s left", seconds * (1.0 - done) / done) } else { "…".into() };
+        let left = outlook.words().map(|words| format!(", {words}")).unwrap_or_default();
         self.bar.set_position((done * STEPS as f64) as u64);
         self.bar.set_message(format!(
-            "{} samples, error {error}, {:.2} M rays/s, {seconds:.0} s, {left}",
+            "{} samples, error {error}, {:.2} M rays/s, {seconds:.0} s{left}",
             rendering.passes(),
             rays_per_second / 1e6
         ));

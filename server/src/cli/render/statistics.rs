@@ -7,6 +7,7 @@ use lumicast_engine::{
     film::MeasuredError,
     render::Indirect,
 };
+use lumicast_protocol::{Forecast, ForecastRecord};
 use serde::Serialize;
 
 /// The file of `--stats` and the output of `--json`. Keys of parts that did not run are 0 and named in `not_run`.
@@ -42,6 +43,10 @@ pub(super) struct Statistics {
     pub(super) error_ci: Option<[f64; 2]>,
     /// `error` without the worst 0.1 % of pixels.
     pub(super) error_trimmed: Option<f64>,
+    /// When errors were or would be reached.
+    pub(super) forecast: Vec<Forecast>,
+    /// How often such forecasts were right on the way.
+    pub(super) forecast_record: ForecastRecord,
     /// Seconds.
     pub(super) seconds: Seconds,
     /// How many.
