@@ -68,6 +68,12 @@ impl Draft {
         &mut self.things[at]
     }
 
+    /// Adds a thing once more, in the same place.
+    pub(crate) fn again(&mut self, thing: &Thing) {
+        let name = format!("{} again {}", thing.name, self.things.len());
+        self.things.push(Thing { name, ..thing.clone() });
+    }
+
     /// Adds a light without size.
     pub(crate) fn light(&mut self, name: &str, position: DVec3, direction: DVec3, kind: LightKind) {
         let name = format!("{name} {}", self.lights.len());

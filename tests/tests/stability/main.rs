@@ -6,7 +6,7 @@
 //! has found, by name.
 //!
 //! By default as many hostile scenes as a minute allows; `LUMICAST_STABILITY_CASES=1000` takes so many, `forever` goes on until it
-//! is stopped or fails, and `LUMICAST_STABILITY_SEED=7` takes the one of that seed:
+//! is stopped or twenty fail, `LUMICAST_STABILITY_SEED=7` takes the one of that seed, and both together so many from there on:
 //!
 //!     LUMICAST_STABILITY_SEED=7 cargo test -p lumicast-tests --test stability hostile -- --nocapture
 

@@ -45,15 +45,10 @@ pub(super) const ALL: [Hostility; 24] = [
     }),
     Hostility::mild("a thing twice", |case, random| {
         let Some(thing) = random.pick(&case.draft.things).cloned() else { return };
-        let name = format!("{} again", thing.name);
-        case.draft.things.push(crate::draft::Thing { name, ..thing });
+        case.draft.again(&thing);
     }),
     Hostility::mild("everything twice", |case, _| {
-        let again = case.draft.things.clone();
-        for thing in again {
-            let name = format!("{} again", thing.name);
-            case.draft.things.push(crate::draft::Thing { name, ..thing });
-        }
+        case.draft.things.clone().iter().for_each(|thing| case.draft.again(thing));
     }),
     Hostility::mild("another floor in one plane", |case, random| {
         let half = random.between(0.5, 3.0);
@@ -100,13 +95,13 @@ pub(super) const ALL: [Hostility; 24] = [
         let flat = 10f64.powf(random.between(-5.0, -2.0));
         if let Some(at) = any_thing(case, random) {
             let thing = &mut case.draft.things[at];
-            thing.world_from_mesh = thing.world_from_mesh * DAffine3::from_scale(v(1.0, flat, 1.0));
+            thing.world_from_mesh *= DAffine3::from_scale(v(1.0, flat, 1.0));
         }
     }),
     Hostility::mild("a thing turned inside out", |case, random| {
         if let Some(at) = any_thing(case, random) {
             let thing = &mut case.draft.things[at];
-            thing.world_from_mesh = thing.world_from_mesh * DAffine3::from_scale(v(-1.0, 1.0, 1.0));
+            thing.world_from_mesh *= DAffine3::from_scale(v(-1.0, 1.0, 1.0));
         }
     }),
     Hostility::mild("a speck", |case, random| {

@@ -62,7 +62,7 @@ pub(super) const ALL: [Hostility; 20] = [
     }),
     Hostility::mild("light of one colour", |case, _| {
         for thing in &mut case.draft.things {
-            thing.material.emission = thing.material.emission * Rgb::new(0.0, 0.0, 1.0);
+            thing.material.emission *= Rgb::new(0.0, 0.0, 1.0);
         }
     }),
     Hostility::harsh("only lights", |case, random| {

@@ -21,47 +21,26 @@ pub(crate) use self::case::Case;
 pub(crate) use self::check::{Checked, check, on_threads};
 use crate::drawing::{TECHNIQUES, name};
 
-/// Cases of a run by default: a minute on two cores.
-const CASES: u64 = 60;
+/// Cases of a run by default, half a minute on two cores, and with `LUMICAST_NIGHTLY=1`.
+const CASES: [u64; 2] = [60, 500];
 /// A case that takes as long hangs: it draws some twenty pictures at most, each of which gives up by itself.
 const PATIENCE: Duration = Duration::from_secs(600);
-/// Failures after which a run without end ends.
+/// Failures after which a run ends: more say no more.
 const FAILURES_MAX: usize = 20;
 
-/// Seeds of a run.
-#[derive(Clone, Copy, Debug)]
-enum Asked {
-    One(u64),
-    Many(u64),
-    Forever,
-}
-
-impl Asked {
-    fn by_environment() -> Asked {
-        if let Ok(seed) = std::env::var("LUMICAST_STABILITY_SEED") {
-            return Asked::One(seed.parse().expect("LUMICAST_STABILITY_SEED: a number"));
-        }
-        match std::env::var("LUMICAST_STABILITY_CASES").as_deref() {
-            Ok("forever") => Asked::Forever,
-            Ok(count) => Asked::Many(count.parse().expect("LUMICAST_STABILITY_CASES: a number or `forever`")),
-            Err(_) => Asked::Many(CASES),
-        }
-    }
-
-    fn first(self) -> u64 {
-        match self {
-            Asked::One(seed) => seed,
-            Asked::Many(_) | Asked::Forever => 0,
-        }
-    }
-
-    fn end(self) -> u64 {
-        match self {
-            Asked::One(seed) => seed.saturating_add(1),
-            Asked::Many(count) => count,
-            Asked::Forever => u64::MAX,
-        }
-    }
+/// The seeds of a run.
+fn asked() -> std::ops::Range<u64> {
+    let first = std::env::var("LUMICAST_STABILITY_SEED")
+        .ok()
+        .map(|seed| seed.parse().expect("LUMICAST_STABILITY_SEED: a number"));
+    let count = match std::env::var("LUMICAST_STABILITY_CASES").as_deref() {
+        Ok("forever") => u64::MAX,
+        Ok(count) => count.parse().expect("LUMICAST_STABILITY_CASES: a number or `forever`"),
+        Err(_) if first.is_some() => 1,
+        Err(_) => CASES[usize::from(std::env::var_os("LUMICAST_NIGHTLY").is_some())],
+    };
+    let first = first.unwrap_or(0u64);
+    first..first.saturating_add(count)
 }
 
 /// What workers say.
@@ -72,18 +51,18 @@ enum News {
 
 #[test]
 fn hostile_scenes_leave_every_technique_sound() {
-    let asked = Asked::by_environment();
-    let (next, is_over) = (Arc::new(AtomicU64::new(asked.first())), Arc::new(AtomicBool::new(false)));
+    let asked = asked();
+    let (next, is_over) = (Arc::new(AtomicU64::new(asked.start)), Arc::new(AtomicBool::new(false)));
     let (tell, hear) = mpsc::channel();
     let threads = std::thread::available_parallelism().map_or(2, usize::from);
     for _ in 0..threads {
-        let (tell, next, is_over) = (tell.clone(), next.clone(), is_over.clone());
+        let (tell, next, is_over, end) = (tell.clone(), next.clone(), is_over.clone(), asked.end);
         // Left alone, not joined: one that hangs must not keep the run from saying so.
         std::thread::spawn(move || {
             on_threads(1, || {
                 while !is_over.load(Ordering::Relaxed) {
                     let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= asked.end() || tell.send(News::Begun(seed)).is_err() {
+                    if seed >= end || tell.send(News::Begun(seed)).is_err() {
                         return;
                     }
                     let start = Instant::now();
@@ -157,7 +136,7 @@ impl Tally {
                 self.failures.push(failure);
             }
         }
-        if self.cases % 500 == 0 {
+        if self.cases.is_multiple_of(500) {
             println!("{self}");
         }
     }

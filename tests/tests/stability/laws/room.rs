@@ -99,7 +99,8 @@ pub(super) fn furnace(albedo: f32, emission: f32) -> Draft {
     furnace
 }
 
-/// Two squares in the room, one on the floor and one on a wall: one emits, the other is looked at, all of it and nothing else.
+/// Two squares in the room, one over the floor and one before a wall: one emits, the other is looked at, all of it and nothing
+/// else. They stand off what is behind them: at their edges the octree takes what lies under a thin thing for as lit as the rest.
 ///
 /// - returns also the area of the square that is looked at, m²
 pub(super) fn exchange(is_swapped: bool) -> (Draft, f64) {
@@ -108,7 +109,7 @@ pub(super) fn exchange(is_swapped: bool) -> (Draft, f64) {
     let sides = [0.3, 0.7];
     let [lamp, sensor] = if is_swapped { [1, 0] } else { [0, 1] };
     let emission = |at: usize| if at == lamp { Rgb::splat(200.0) } else { Rgb::BLACK };
-    let centres = [v(0.8, 0.004, 0.7), v(-1.996, 1.3, 0.4)];
+    let centres = [v(0.8, 0.3, 0.7), v(-1.7, 1.3, 0.4)];
     let ups = [DVec3::Y, DVec3::X];
     for at in [0, 1] {
         let (centre, half) = (centres[at], sides[at] / 2.0);
@@ -134,4 +135,22 @@ pub(super) fn exchange(is_swapped: bool) -> (Draft, f64) {
         )
     };
     (room, sides[sensor] * sides[sensor])
+}
+
+/// With some of its things twice in the very same place.
+pub(super) fn twice(is_twice: fn(&str) -> bool) -> Draft {
+    let mut twice = room();
+    let again: Vec<_> = twice.things.iter().filter(|thing| is_twice(&thing.name)).cloned().collect();
+    again.iter().for_each(|thing| twice.again(thing));
+    twice
+}
+
+/// With another floor of the walls' colour, so high over the floor, cut into other triangles.
+pub(super) fn carpeted(y: f64) -> Draft {
+    let mut carpeted = room();
+    let material = carpeted.things[0].material.clone();
+    carpeted.thing("carpet", material, |id| {
+        quad([v(-1.9, y, 1.9), v(1.9, y, 1.9), v(1.9, y, -1.9), v(-1.9, y, -1.9)], id)
+    });
+    carpeted
 }
