@@ -20,10 +20,10 @@ const BLOCKS: usize = BLOCKS_ACROSS * BLOCKS_ACROSS;
 
 pub(super) const EFFORT: Effort = Effort {
     side: SIDE as u32,
-    passes: 32,
-    photons: 30_000,
+    passes: 24,
+    photons: 24_000,
     neighbours: 48,
-    rays: 150,
+    rays: 100,
     patience: Duration::from_secs(120),
 };
 

@@ -193,7 +193,7 @@ fn laws_tell_scenes_apart_that_differ_by_a_little() {
 
 /// A closed room whose every surface emits E and reflects ρ holds E / (1 − ρ), in any size and place.
 ///
-/// Looked-up light may be off by what photons lose at edges and by the noise of 60,000 of them, of which each brings more the
+/// Looked-up light may be off by what photons lose at edges and by the noise of 24,000 of them, of which each brings more the
 /// whiter the room is: up to fifty times what it carries.
 #[test]
 fn law_white_furnaces_hold_the_geometric_sum() {
