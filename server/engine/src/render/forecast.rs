@@ -346,7 +346,10 @@ mod tests {
             let settings =
                 RenderSettings { indirect, seed: 2, learning: Learning::InStep, ..Default::default() };
             let mut rendering = boxes(settings);
-            watch(&mut rendering, &[0.001], 256).1[0].when
+            watch(&mut rendering, &[0.001], 64);
+            // Some more, by what is known in the end.
+            let passes = rendering.passes() + 16;
+            watch(&mut rendering, &[0.001], passes).1[0].when
         };
         let octree = of(Indirect::Octree);
         assert!(matches!(octree, When::OutOfReach { error } if error > 0.001), "{octree:?}");

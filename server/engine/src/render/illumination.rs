@@ -28,8 +28,10 @@ const TOUCHED_SHARE_MAX: f64 = 0.2;
 
 /// Photons in maps for each that the settings ask for.
 const MAPPED_SHARE: f64 = 0.6;
-/// Photons sent out for each that the settings ask for at most.
-const EMISSION_FACTOR_MAX: u32 = 4;
+/// Photons in maps for each sent out beyond which fewer are sent: bright rooms keep each at tens of surfaces.
+const MAPPED_SHARE_MAX: f64 = 6.0;
+/// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
+const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
 
 /// One round.
 #[derive(Clone, Copy, Debug)]
@@ -109,8 +111,8 @@ pub struct Illumination {
     octree: OctreeBuilding,
     /// The round, by its place in [`ROUNDS`].
     round: usize,
-    /// See [`Illumination::emission_factor`].
-    factor: u32,
+    /// See [`Illumination::emission_exponent`].
+    exponent: i32,
     products: Products,
     report: IlluminationReport,
     generation: u64,
@@ -121,13 +123,13 @@ pub struct Illumination {
 impl Illumination {
     /// Nothing known yet.
     pub fn new(settings: IlluminationSettings) -> Illumination {
-        let (photons, octree) = techniques(&settings, 0, 1);
+        let (photons, octree) = techniques(&settings, 0, 0);
         Illumination {
             settings,
             photons,
             octree,
             round: 0,
-            factor: 1,
+            exponent: 0,
             products: Products::default(),
             report: IlluminationReport::default(),
             generation: 0,
@@ -167,24 +169,31 @@ impl Illumination {
         is_new
     }
 
-    /// How many photons more than asked for must be sent out for about as many to end up in maps, where most leave the
-    /// scene or fall on what is lit by lamps alone: found in the first round, in steps of two so that small edits leave it.
-    fn emission_factor(&self) -> u32 {
+    /// How many photons more or less than asked for must be sent out for about as many to end up in maps: more where most leave
+    /// the scene or fall on what is lit by lamps alone, less where each is kept many times, and memory would have no bound. Found
+    /// in the first round, as a power of two so that small edits leave it.
+    fn emission_exponent(&self) -> i32 {
         let maps = &self.photons.product().maps;
         let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
         let emitted = self.photons.paths().path_count() as f64;
-        let wanted = MAPPED_SHARE * emitted / mapped as f64;
-        wanted.log2().round().clamp(0.0, f64::from(EMISSION_FACTOR_MAX.ilog2())).exp2() as u32
+        let of_each = mapped as f64 / emitted.max(1.0);
+        let wanted = if of_each > MAPPED_SHARE_MAX {
+            (MAPPED_SHARE_MAX / of_each).log2()
+        } else {
+            (MAPPED_SHARE / of_each).log2().max(0.0)
+        };
+        let [least, most] = EMISSION_EXPONENTS;
+        wanted.round().clamp(least, most) as i32
     }
 
     /// Begins a round; what is known stays known until it knows better.
     fn begin_round(&mut self, round: usize) {
         self.round = round;
         if round == 1 {
-            self.factor = self.emission_factor();
+            self.exponent = self.emission_exponent();
         }
-        let factor = if round == 0 { 1 } else { self.factor };
-        (self.photons, self.octree) = techniques(&self.settings, round, factor);
+        let exponent = if round == 0 { 0 } else { self.exponent };
+        (self.photons, self.octree) = techniques(&self.settings, round, exponent);
         self.products.photons = None;
     }
 
@@ -267,15 +276,22 @@ impl Illumination {
 }
 
 /// The techniques of a round.
-fn techniques(settings: &IlluminationSettings, round: usize, factor: u32) -> (PhotonTracing, OctreeBuilding) {
+fn techniques(
+    settings: &IlluminationSettings,
+    round: usize,
+    exponent: i32,
+) -> (PhotonTracing, OctreeBuilding) {
     let round = ROUNDS[round];
-    let emitted_count = (settings.photons.emitted_count / round.photon_divisor).max(1).saturating_mul(factor);
+    let asked_for = (settings.photons.emitted_count / round.photon_divisor).max(1);
+    let times = 1 << exponent.unsigned_abs();
+    let emitted_count =
+        if exponent < 0 { (asked_for / times).max(1) } else { asked_for.saturating_mul(times) };
     let photons = PhotonSettings { emitted_count, ..settings.photons };
     let octree = OctreeSettings {
         depth_first: round.depth_first.min(settings.octree.depth),
         depth: round.depth.min(settings.octree.depth),
         // What a gather may expect to find is what ends up in maps.
-        photon_count: emitted_count / factor,
+        photon_count: asked_for,
         ..settings.octree
     };
     (PhotonTracing::new(photons), OctreeBuilding::new(octree))

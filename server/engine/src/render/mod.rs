@@ -548,12 +548,14 @@ impl Rendering {
         }
         let rays = self.counts.all_rays() as f64;
         let passes = f64::from(self.passes());
-        if self.measuring.is_none() || learns || !self.knows_its_light() {
+        match &self.outlook {
+            Some(outlook) if !learns && self.knows_its_light() => {
+                let traces = self.settings.indirect == Indirect::Auto;
+                Some(forecast::of_films(outlook, measured, target, rays, traces))
+            }
             // Noise falls as one over the work, and so about does what is not known yet of the light.
-            return (passes > 0.0).then(|| forecast::as_noise(measured, target, rays, passes));
+            _ => (passes > 0.0).then(|| forecast::as_noise(measured, target, rays, passes)),
         }
-        let traces = self.settings.indirect == Indirect::Auto;
-        Some(forecast::of_films(&self.outlook?, measured, target, rays, traces))
     }
 
     /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.

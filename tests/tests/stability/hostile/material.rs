@@ -41,11 +41,8 @@ pub(super) const ALL: [Hostility; 14] = [
         let ink = Material { attenuation_color, attenuation_distance_m, ..glass(1.4) };
         case.draft.thing("ink", ink, |id| sphere(at, 0.4, 12, id));
     }),
-    // Only lamps do: where nothing does, photons have no end (`found.rs`).
     Hostility::harsh("white that loses nothing", |case, _| {
-        every_matt(case, |material| {
-            material.base_color = if material.is_emissive() { Rgb::BLACK } else { Rgb::WHITE };
-        });
+        every_matt(case, |material| material.base_color = Rgb::WHITE);
     }),
     Hostility::mild("black", |case, _| every_matt(case, |material| material.base_color = Rgb::BLACK)),
     Hostility::harsh("mirrors all around", |case, random| {

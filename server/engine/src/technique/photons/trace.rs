@@ -157,6 +157,15 @@ impl PhotonTracer<'_> {
     }
 }
 
+/// Highest chance of going on. Where no light is lost a photon is kept at every surface it meets until chance ends it: at 20 on
+/// average where it is scattered, at 100 where it goes to and fro between mirrors or inside glass, which it must be able to leave.
+fn survival_max(scatter: Scatter) -> f32 {
+    match scatter {
+        Scatter::Diffuse => 0.95,
+        Scatter::Specular => 0.99,
+    }
+}
+
 /// Draws where the photon goes on; false when it is absorbed.
 fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
     let flight = &journey.flight;
@@ -164,7 +173,7 @@ fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f
     let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
     let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
     // Roulette by how much luminance is left: power stays nearly the same.
-    let survives = (next.weight.luminance() / flight.weight.luminance()).min(1.0);
+    let survives = (next.weight.luminance() / flight.weight.luminance()).min(survival_max(drawn.scatter));
     if !(survives > 0.0) || *survival >= survives {
         return false;
     }
