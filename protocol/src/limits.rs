@@ -144,8 +144,8 @@ impl Limits {
 
     fn check_accuracy(&self, accuracy: &Accuracy) -> Result<(), LimitError> {
         let error = accuracy.target_error;
-        require(error > 0.0 && error.is_finite(), "target_error", || {
-            format!("{error}; a fraction above 0, 0.01 means 1 %")
+        require(error >= Accuracy::TARGET_MIN && error.is_finite(), "target_error", || {
+            format!("{error}; a fraction, from {} on; 0.01 means 1 %", Accuracy::TARGET_MIN)
         })?;
         let bounces = accuracy.bounces.unwrap_or(0);
         require(bounces <= self.bounces, "bounces", || format!("{bounces}; at most {}", self.bounces))

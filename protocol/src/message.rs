@@ -208,6 +208,9 @@ impl Default for Accuracy {
 }
 
 impl Accuracy {
+    /// Least `target_error`: a millionth. No picture in single precision is better.
+    pub const TARGET_MIN: f32 = 1e-6;
+
     /// √relMSE at which the picture rests; nothing if only the server's bound on samples ends it.
     pub fn target(&self) -> Option<f32> {
         self.preset.map_or(Some(self.target_error), Preset::error)

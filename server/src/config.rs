@@ -180,7 +180,8 @@ settings! {
     /// only doubt is left of it, as much as drawing takes.
     measuring_percent: u8 = 5;
     /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
-    /// them; at most 100 million. Up to four times as many where most of them leave the scene.
+    /// them; at most 100 million. Up to four times as many where most of them leave the scene; fewer where each is kept at
+    /// more than some ten surfaces, since each of these takes about 50 bytes.
     photons: u32 = 1_000_000;
     /// Halvings of the scene's cube down to the cells of its light octree, 4 to 10: each doubles the detail and about
     /// quadruples memory and time.

@@ -8,7 +8,7 @@ use axum::extract::{Path, Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use lumicast_engine::film::{PictureSize, ToneMap};
-use lumicast_protocol::{Preset, ProblemKind};
+use lumicast_protocol::{Accuracy, Preset, ProblemKind};
 use serde::Deserialize;
 use std::time::Duration;
 
@@ -136,8 +136,8 @@ fn error_of(text: &str) -> Result<f64, HttpProblem> {
         None => (text, 1.0),
     };
     match number.parse::<f64>().map(|number| number * factor) {
-        Ok(error) if error > 0.0 && error.is_finite() => Ok(error),
-        _ => Err(bad("error", "a fraction above 0 or percent, such as 0.02 or 2%, or converged")),
+        Ok(error) if error >= f64::from(Accuracy::TARGET_MIN) && error.is_finite() => Ok(error),
+        _ => Err(bad("error", "a fraction from 0.000001 on, or percent, such as 0.02 or 2%, or converged")),
     }
 }
 

@@ -42,6 +42,11 @@ impl Foretold {
         self.expected.clear();
     }
 
+    /// The picture goes on after a rest, so many seconds after it was begun.
+    pub(super) fn wake(&mut self, seconds: f64) {
+        self.forecasts.resume(seconds);
+    }
+
     /// The picture is smaller than asked for: nothing is said.
     pub(super) fn pause(&mut self) {
         self.expected.clear();

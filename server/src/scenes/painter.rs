@@ -464,7 +464,9 @@ impl Painter {
             }
             return;
         }
-        layer.rendering.aim_at((wish.target_error > 0.0).then_some(wish.target_error));
+        // A picture does not rest before all is known of its light: until then there is nothing to find out.
+        let is_decided = wish.target_error > 0.0 && self.is_lit(film);
+        layer.rendering.aim_at(is_decided.then_some(wish.target_error));
         let complete = self.pass(&mut layer.rendering, film, cut);
         let due = film.is_due(&layer);
         film.layer = Some(layer);
@@ -543,10 +545,14 @@ impl Painter {
         if layer.divisor > film.divisor_min {
             film.foretold.pause();
         } else {
+            let seconds = film.started.elapsed().as_secs_f64();
+            if !converged && film.shown.is_some_and(|shown| shown.converged) {
+                film.foretold.wake(seconds);
+            }
             let look = Look {
                 layer,
                 measured: film.measured,
-                seconds: film.started.elapsed().as_secs_f64(),
+                seconds,
                 learns: !rest.is_lit,
                 samples_max: film.samples_max(layer, rest),
                 target: wish.target_error,

@@ -120,6 +120,15 @@ async fn a_picture_can_be_asked_for() {
     }
     let timed = server.get(&format!("{BOX}/frame?camera=corner&time=50ms&size=32x32")).await;
     assert_eq!(timed.status, 200);
+    for (query, done_by) in [
+        ("error=converged&time=50ms", "time"),
+        ("error=0.0001&time=50ms", "time"),
+        ("error=90%25", "error"),
+        ("error=0.9&time=60", "error"),
+    ] {
+        let reply = server.get(&format!("{BOX}/frame?camera=corner&size=32x32&{query}")).await;
+        assert_eq!((reply.status.as_u16(), reply.header("lumicast-done-by")), (200, done_by), "{query}");
+    }
     for bad in [
         "camera=nobody",
         "size=0x5",
@@ -130,7 +139,11 @@ async fn a_picture_can_be_asked_for() {
         "error=nan",
         "time=-1",
         "time=1e9",
-        "error=0.1&time=1",
+        "error=nan%25",
+        "error=-1%25",
+        "error=%25",
+        "error=1e-9",
+        "error=inf",
         "tone_map=vivid",
         "exposure_ev=99",
         "exposure_ev=x",

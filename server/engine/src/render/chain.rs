@@ -47,7 +47,7 @@ impl MeasuringShare {
     }
 
     /// As a share of all rays.
-    fn of_rays(self) -> f64 {
+    pub(super) fn of_rays(self) -> f64 {
         RAYS_FOR_TIME * 0.01 * f64::from(self.0)
     }
 }
@@ -97,6 +97,21 @@ impl Measuring {
         self.granted += rays;
     }
 
+    /// What it was granted and has not taken is taken back.
+    pub(super) fn forget_grants(&mut self, rays_spent: u64) {
+        let of_share = (self.share.of_rays() * rays_spent as f64) as u64;
+        self.granted = self.granted.min(self.rays.saturating_sub(of_share));
+    }
+
+    /// It has not taken what it may.
+    pub(super) fn is_owed(&self, rays_spent: u64) -> bool {
+        self.rays < self.due(rays_spent)
+    }
+
+    fn due(&self, rays_spent: u64) -> u64 {
+        (self.share.of_rays() * rays_spent as f64) as u64 + self.granted
+    }
+
     /// Measures until its share of `rays_spent`, and what it was granted, is used up.
     ///
     /// - `film`: of looked-up light
@@ -108,7 +123,7 @@ impl Measuring {
         cancel: &AtomicBool,
     ) -> Counts {
         let mut all = Counts::default();
-        let due = (self.share.of_rays() * rays_spent as f64) as u64 + self.granted;
+        let due = self.due(rays_spent);
         let is_due = |rays: u64| rays < due;
         while is_due(self.rays) {
             if let Some(hidden) = self.hidden.as_mut().filter(|hidden| hidden.is_due()) {
@@ -312,11 +327,6 @@ impl Outlook {
         Films { looked_up: f64::from(self.kept_passes), traced: f64::from(self.traced_passes) }
     }
 
-    /// relMSE that no sample of looked-up light takes off.
-    pub(super) fn own_error(&self) -> f64 {
-        self.shortfall().floor
-    }
-
     /// It is old.
     pub(super) fn is_due(&self, samples: u32) -> bool {
         f64::from(samples) > (1.0 + DECIDED_GROWTH) * f64::from(self.samples)
@@ -379,10 +389,48 @@ impl Films {
         let by_tracing = 1.0 / (outlook.variance * outlook.traced_rays).max(f64::MIN_POSITIVE);
         if traces && by_tracing >= by_looking_up {
             self.traced += passes;
-            passes * outlook.traced_rays
+            passes * outlook.traced_rays.max(1.0)
         } else {
             self.looked_up += passes;
-            passes * outlook.looked_up_rays
+            passes * outlook.looked_up_rays.max(1.0)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn share(noise: f64, floor: f64, sure_floor: f64) -> f64 {
+        Shortfall { noise, floor, sure_floor }.learning_share()
+    }
+
+    /// What is not known is learnt as far as it is the larger error; more than half of the work goes into it only if that is sure.
+    #[test]
+    fn more_than_half_is_learning_only_where_it_surely_pays() {
+        assert_eq!(share(1e-2, 1e-3, 0.0), 0.1);
+        assert_eq!(share(1e-2, 1.0, 0.0), 1.0);
+        assert!((share(1e-2, 1.0, 3e-2) - 3.0).abs() < 1e-12);
+        assert_eq!(share(1e-2, 0.0, 0.0), 0.0);
+        assert_eq!(share(0.0, 0.0, 0.0), 0.0);
+        assert!(share(0.0, 1.0, 1.0) > 1e100);
+    }
+
+    /// Shares that would leave nothing known, or nothing drawn, are refused.
+    #[test]
+    fn the_share_of_measuring_is_bounded() {
+        assert_eq!([0, 51, 255].map(MeasuringShare::of_percent), [None; 3]);
+        assert_eq!(MeasuringShare::of_percent(5), Some(MeasuringShare::default()));
+        assert!((MeasuringShare::default().of_rays() - 0.03).abs() < 1e-12);
+    }
+
+    /// A pixel at an edge is expected to be wrong, the darker side more; evenly lit ones are not.
+    #[test]
+    fn edges_are_where_error_is_expected() {
+        let shown = [1.0, 1.0, 0.1, 0.1, 1.0, 1.0, 0.1, 0.1];
+        let of = |index| contrast(&shown, 4, index) / shown[index].powi(2);
+        assert_eq!((of(0), of(3)), (0.0, 0.0));
+        assert!(of(2) > 50.0 * of(1) && of(1) > 0.0);
+        assert_eq!(contrast(&[1.0], 1, 0), 0.0);
     }
 }

@@ -3,7 +3,10 @@
 //! What is known of the films (`chain.rs`) says how much work is left; how fast work went lately says when it will be done.
 //! Whatever was foretold is held against what came true: a forecast is worth what its record says.
 
-use super::{Rendering, chain::Outlook};
+use super::{
+    DOUBTED, Rendering,
+    chain::{Outlook, Shortfall},
+};
 use crate::film::MeasuredError;
 
 /// A forecast is right if the time it names is off by no more than this share of the true one.
@@ -14,7 +17,7 @@ const JUDGED_FROM: f64 = 0.1;
 const OPEN_MAX: usize = 256;
 /// Samples of a picture are counted in steps of this share of those it has.
 const STEP_SHARE: f64 = 0.05;
-/// Work beyond which nobody waits for a picture, in shares of the work done so far.
+/// Work beyond which nothing is foretold, in shares of the work done so far.
 const WORK_MAX: f64 = 1e6;
 
 /// What is left to do for a picture.
@@ -75,7 +78,7 @@ pub struct Expected {
 /// How many forecasts came true.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ForecastRecord {
-    /// Forecasts whose target was reached since, made after a tenth of the time that took.
+    /// Forecasts whose target was reached since, made after a tenth of the time that took, and those whose time went by long ago.
     pub judged: u64,
     /// Those that named the time within a quarter of it.
     pub right: u64,
@@ -87,6 +90,9 @@ pub struct Forecasts {
     goals: Vec<Goal>,
     pace: Pace,
     record: ForecastRecord,
+    /// When work began, or went on after a rest, and the last look.
+    begun_s: f64,
+    last_s: f64,
 }
 
 /// A target, and what was said of it.
@@ -94,7 +100,7 @@ pub struct Forecasts {
 struct Goal {
     target: f64,
     reached_s: Option<f64>,
-    /// When it was said, and for when.
+    /// When it was said, and for when, from when work began; never: infinite.
     open: Vec<[f64; 2]>,
 }
 
@@ -106,6 +112,8 @@ impl Forecasts {
             goals: targets.iter().map(goal).collect(),
             pace: Pace::default(),
             record: ForecastRecord::default(),
+            begun_s: 0.0,
+            last_s: 0.0,
         }
     }
 
@@ -115,6 +123,7 @@ impl Forecasts {
             return;
         }
         let mut goals = std::mem::take(&mut self.goals);
+        let worked_s = self.last_s - self.begun_s;
         self.goals = targets
             .iter()
             .map(|target| match goals.iter().position(|goal| goal.target == *target) {
@@ -122,6 +131,7 @@ impl Forecasts {
                 None => Goal { target: *target, reached_s: None, open: Vec::new() },
             })
             .collect();
+        goals.iter().for_each(|goal| self.record.give_up(&goal.open, worked_s));
     }
 
     /// √relMSE of each.
@@ -131,8 +141,19 @@ impl Forecasts {
 
     /// Forgets what was said, not how often it was right: another picture is begun.
     pub fn restart(&mut self) {
-        self.pace = Pace::default();
-        self.goals.iter_mut().for_each(|goal| (goal.reached_s, goal.open) = (None, Vec::new()));
+        self.resume(0.0);
+        self.goals.iter_mut().for_each(|goal| goal.reached_s = None);
+    }
+
+    /// The picture goes on after a rest: what was said before is judged, and time counts from now on.
+    ///
+    /// - `begun_s`: seconds since the picture was begun
+    pub fn resume(&mut self, begun_s: f64) {
+        let worked_s = self.last_s - self.begun_s;
+        for goal in &mut self.goals {
+            self.record.give_up(&std::mem::take(&mut goal.open), worked_s);
+        }
+        (self.pace, self.begun_s, self.last_s) = (Pace::default(), begun_s, begun_s);
     }
 
     /// Looks at the picture as it is now, and says when it will be how good.
@@ -149,7 +170,11 @@ impl Forecasts {
         learns: bool,
         samples_max: Option<u32>,
     ) -> Vec<Expected> {
-        self.pace.note(now_s, rendering.counts().all_rays() as f64);
+        let worked_s = now_s - self.begun_s;
+        let has_worked = self.pace.note(worked_s, rendering.counts().all_rays() as f64);
+        if has_worked {
+            self.last_s = now_s;
+        }
         let rate = self.pace.rays_a_second();
         let passes = f64::from(rendering.passes());
         let mut record = self.record;
@@ -160,18 +185,21 @@ impl Forecasts {
             let remaining = measured.and_then(|measured| rendering.remaining(&measured, goal.target, learns));
             let when = match (remaining, rate) {
                 (Some(Remaining::Nothing), _) => {
-                    record.judge(&goal.open, now_s);
+                    record.judge(&goal.open, worked_s);
                     goal.reached_s = Some(now_s);
                     When::Reached { at_s: now_s }
                 }
-                (Some(Remaining::OutOfReach { error }), _) => When::OutOfReach { error },
+                (Some(Remaining::OutOfReach { error }), _) => {
+                    goal.say([worked_s, f64::INFINITY], has_worked);
+                    When::OutOfReach { error }
+                }
                 (Some(Remaining::Work { passes: more, .. }), _)
                     if samples_max.is_some_and(|most| passes + more > f64::from(most)) =>
                 {
                     When::BeyondSamples { samples: passes + more }
                 }
                 (Some(Remaining::Work { rays, .. }), Some(rate)) => {
-                    goal.say([now_s, now_s + rays / rate]);
+                    goal.say([worked_s, worked_s + rays / rate], has_worked);
                     When::In { seconds: rays / rate }
                 }
                 _ => When::Unknown,
@@ -190,7 +218,11 @@ impl Forecasts {
 }
 
 impl Goal {
-    fn say(&mut self, forecast: [f64; 2]) {
+    /// Keeps a forecast, if it is another than the last.
+    fn say(&mut self, forecast: [f64; 2], is_new: bool) {
+        if !is_new {
+            return;
+        }
         if self.open.len() >= OPEN_MAX {
             let mut index = 0;
             self.open.retain(|_| {
@@ -211,6 +243,13 @@ impl ForecastRecord {
         }
     }
 
+    /// Of one target that was not reached in so many seconds and is no longer waited for: what was foretold for long before was
+    /// wrong.
+    fn give_up(&mut self, open: &[[f64; 2]], worked_s: f64) {
+        let is_wrong = |foretold_s: f64| foretold_s * (1.0 + RIGHT_WITHIN) < worked_s;
+        self.judged += open.iter().filter(|[_, foretold_s]| is_wrong(*foretold_s)).count() as u64;
+    }
+
     /// What came to it since it was `before`.
     pub fn since(self, before: ForecastRecord) -> ForecastRecord {
         ForecastRecord { judged: self.judged - before.judged, right: self.right - before.right }
@@ -226,16 +265,21 @@ struct Pace {
 }
 
 impl Pace {
-    fn note(&mut self, seconds: f64, rays: f64) {
-        if rays < self.last[1] {
-            // Another film was begun at another size.
+    /// False if nothing was done since the last time: a picture rests.
+    fn note(&mut self, seconds: f64, rays: f64) -> bool {
+        if rays == self.last[1] {
+            return false;
+        }
+        // Another film was begun at another size, or the first look is at one that has rested.
+        if rays < self.last[1] || self.last == [0.0; 2] {
             *self = Pace { marks: [[seconds, rays]; 2], last: [seconds, rays] };
-            return;
+            return true;
         }
         self.last = [seconds, rays];
         if seconds > 2.0 * self.marks[1][0] {
             self.marks = [self.marks[1], self.last];
         }
+        true
     }
 
     fn rays_a_second(&self) -> Option<f64> {
@@ -247,50 +291,72 @@ impl Pace {
 /// What is left for a picture whose error falls as one over the work done.
 ///
 /// - `rays`, `passes`: done so far
-/// - `allowed`: relMSE that it may have
-pub(super) fn as_noise(measured: &MeasuredError, target: f64, rays: f64, passes: f64) -> Remaining {
-    let allowed = allowed(measured, target, 1.0);
-    let more = (measured.rel_mse / allowed - 1.0).max(0.0);
-    Remaining::Work { rays: more * rays, passes: more * passes }
+pub(super) fn as_noise(measured: &MeasuredError, target: f64, rays: f64, passes: f64) -> Option<Remaining> {
+    // By the time it is small enough it is known so much better.
+    let growth = (measured.rel_mse / (target * target)).max(1.0);
+    let more = (measured.rel_mse / allowed(measured, target, growth) - 1.0).max(0.0);
+    (more < WORK_MAX && passes > 0.0).then_some(Remaining::Work { rays: more * rays, passes: more * passes })
 }
 
 /// relMSE at which a picture counts as good enough: with an error that is known badly the estimate has to be lower, so that the
 /// upper end of its interval is low enough as well.
 ///
-/// - `growth`: work by then over that so far; the more, the better it is known
+/// - `growth`: work on measuring by then over that so far, of which chance takes off as much (`chain.rs`)
 fn allowed(measured: &MeasuredError, target: f64, growth: f64) -> f64 {
     let [_, high] = measured.interval_95;
     let doubt = (high / measured.rel_mse.max(f64::MIN_POSITIVE)).max(1.0);
-    let doubt = 1.0 + (doubt - 1.0) / growth.sqrt();
+    let doubt = 1.0 + (doubt - 1.0) / growth;
     let surely = (MeasuredError::SURENESS * target).powi(2) / doubt;
     surely.min(target * target)
 }
 
-/// What is left for a picture of looked-up light, if path tracing may join or not.
-///
-/// - `rays`: done so far
-pub(super) fn of_films(
-    outlook: &Outlook,
-    measured: &MeasuredError,
-    target: f64,
-    rays: f64,
-    traces: bool,
-) -> Remaining {
-    let mut films = outlook.films();
-    // As it was measured last, which may be better known than what the films were weighed by.
-    let scale = (measured.rel_mse / films.error(outlook)).clamp(0.1, 10.0);
-    let (begun, mut more) = (films.passes(), 0.0);
-    while scale * films.error(outlook) > allowed(measured, target, 1.0 + more / rays.max(1.0)) {
-        let own = scale * outlook.own_error();
-        if !traces && own >= target * target {
-            return Remaining::OutOfReach { error: own.sqrt() };
+/// A picture of looked-up light on its way to an error.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Way<'a> {
+    pub(super) outlook: &'a Outlook,
+    pub(super) measured: &'a MeasuredError,
+    pub(super) target: f64,
+    /// Rays done so far, and share of them that measuring had.
+    pub(super) rays: f64,
+    pub(super) measuring_share: f64,
+    /// Measuring takes as much work as drawing once only doubt is left.
+    pub(super) is_aimed_at: bool,
+    /// Path tracing may join.
+    pub(super) traces: bool,
+}
+
+impl Way<'_> {
+    /// What is left of it.
+    pub(super) fn remaining(&self) -> Option<Remaining> {
+        let Way { outlook, target, traces, .. } = *self;
+        let mut films = outlook.films();
+        // As it was measured last, which may be better known than what the films were weighed by.
+        let scale = (self.measured.rel_mse / films.error(outlook)).clamp(0.1, 10.0);
+        let rays = self.rays.max(1.0);
+        let (begun, mut more, mut growth) = (films.passes(), 0.0, 1.0);
+        loop {
+            let error = scale * films.error(outlook);
+            if error <= allowed(self.measured, target, growth) {
+                return Some(Remaining::Work { rays: more, passes: films.passes() - begun });
+            }
+            let Shortfall { floor, sure_floor, .. } = outlook.shortfall();
+            if !traces && scale * floor >= target * target {
+                // Its own error may also only seem too large, as long as it is known badly.
+                let is_sure = sure_floor >= target * target;
+                return is_sure.then(|| Remaining::OutOfReach { error: (scale * floor).sqrt() });
+            }
+            if !(more <= WORK_MAX * rays) {
+                return None;
+            }
+            let spent = films.advance(outlook, STEP_SHARE, traces);
+            growth += spent / rays;
+            more += spent;
+            if self.is_aimed_at && error <= (DOUBTED * target).powi(2) {
+                growth += spent / (rays * self.measuring_share);
+                more += spent;
+            }
         }
-        if more > WORK_MAX * rays.max(1.0) {
-            break;
-        }
-        more += films.advance(outlook, STEP_SHARE, traces);
     }
-    Remaining::Work { rays: more, passes: films.passes() - begun }
 }
 
 #[cfg(test)]
@@ -329,13 +395,13 @@ mod tests {
     #[test]
     fn what_is_foretold_of_path_tracing_comes_true() {
         let mut rendering = boxes(RenderSettings { indirect: Indirect::Path, seed: 5, ..Default::default() });
-        let (forecasts, expected) = watch(&mut rendering, &[0.4, 0.2, 0.1, 1e-5], 300);
+        let (forecasts, expected) = watch(&mut rendering, &[0.4, 0.2, 0.1, 1e-4], 300);
         let ForecastRecord { judged, right } = forecasts.record();
         assert!(judged >= 25 && 5 * right >= 4 * judged, "{right} of {judged}: {expected:?}");
         let reached = |expected: &Expected| matches!(expected.when, When::Reached { .. });
         assert_eq!(expected.iter().filter(|expected| reached(expected)).count(), 3, "{expected:?}");
         let When::In { seconds } = expected[3].when else { panic!("{expected:?}") };
-        // 10⁻⁵ is a ten thousandth of some 5 %: its square in work.
+        // 10⁻⁴ is a five hundredth of some 5 %: its square in work.
         assert!(seconds > 1e5 * rendering.counts().all_rays() as f64 * 1e-6 * 0.1, "{seconds}");
     }
 
@@ -371,10 +437,11 @@ mod tests {
     fn the_pace_is_that_of_late() {
         let mut pace = Pace::default();
         assert_eq!(pace.rays_a_second(), None);
-        (1..=100)
-            .for_each(|tick| pace.note(f64::from(tick), f64::from(tick.min(40) + 9 * (tick - 40).max(0))));
+        let rays = |tick: i32| f64::from(tick.min(40) + 9 * (tick - 40).max(0));
+        assert!((1..=100).all(|tick| pace.note(f64::from(tick), rays(tick))));
         let rate = pace.rays_a_second().unwrap();
         assert!(rate > 4.0 && rate <= 9.0, "{rate}");
+        assert!(!pace.note(100.5, 580.0), "{pace:?}");
         pace.note(101.0, 5.0);
         assert_eq!(pace.rays_a_second(), None);
         pace.note(102.0, 7.0);
@@ -385,11 +452,14 @@ mod tests {
     #[test]
     fn targets_may_change() {
         let mut forecasts = Forecasts::new(&[0.1, 0.02]);
-        (0..1000).for_each(|second| forecasts.goals[1].say([f64::from(second), 2000.0]));
+        (0..1000).for_each(|second| forecasts.goals[1].say([f64::from(second), 2000.0], true));
         assert!(forecasts.goals[1].open.len() <= OPEN_MAX);
         forecasts.aim(&[0.05, 0.02]);
         assert!(forecasts.goals[0].open.is_empty() && !forecasts.goals[1].open.is_empty());
-        forecasts.restart();
+        forecasts.last_s = 3000.0;
+        forecasts.resume(3100.0);
         assert!(forecasts.goals[1].open.is_empty());
+        // What was said for 2000 s did not come in 3000.
+        assert!(forecasts.record().judged > 100 && forecasts.record().right == 0);
     }
 }

@@ -28,8 +28,9 @@ const TOUCHED_SHARE_MAX: f64 = 0.2;
 
 /// Photons in maps for each that the settings ask for.
 const MAPPED_SHARE: f64 = 0.6;
-/// Photons in maps for each sent out beyond which fewer are sent: bright rooms keep each at tens of surfaces.
-const MAPPED_SHARE_MAX: f64 = 6.0;
+/// Surfaces at which photons are kept for each that the settings ask for, about, at most: bright rooms and mirrors keep each at
+/// tens of them, and fewer are sent out.
+const KEPT_SHARE_MAX: f64 = 8.0;
 /// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
 const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
 
@@ -176,14 +177,11 @@ impl Illumination {
         let maps = &self.photons.product().maps;
         let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
         let emitted = self.photons.paths().path_count() as f64;
-        let of_each = mapped as f64 / emitted.max(1.0);
-        let wanted = if of_each > MAPPED_SHARE_MAX {
-            (MAPPED_SHARE_MAX / of_each).log2()
-        } else {
-            (MAPPED_SHARE / of_each).log2().max(0.0)
-        };
+        let kept = self.photons.paths().hit_count().max(1) as f64;
+        let wanted = (MAPPED_SHARE * emitted / mapped as f64).log2().round().max(0.0);
+        let allowed = (KEPT_SHARE_MAX * emitted / kept).log2().round();
         let [least, most] = EMISSION_EXPONENTS;
-        wanted.round().clamp(least, most) as i32
+        wanted.min(allowed).clamp(least, most) as i32
     }
 
     /// Begins a round; what is known stays known until it knows better.

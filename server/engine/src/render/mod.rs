@@ -31,6 +31,7 @@ use crate::{
     transport::{PathClass, PathClasses, World},
 };
 use chain::{Measuring, Outlook, Shortfall, Spent, Turn};
+use forecast::Way;
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 pub use chain::MeasuringShare;
@@ -188,9 +189,8 @@ pub struct Rendering {
     looked_up: PathClasses,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
-    /// Work on learning, and on passes, in what [`Rendering::work`] counts.
-    learning: f64,
-    drawing: f64,
+    /// Work on learning ahead of the share of it that was due when passes were drawn, in what [`Rendering::work`] counts.
+    lead: f64,
     /// What the picture was last found to be short of, also of the light before it was known better.
     shortfall: Option<Shortfall>,
     /// Where light is looked up: what the error is measured with, and what was found.
@@ -200,6 +200,8 @@ pub struct Rendering {
     target: Option<f64>,
     /// By what is known the picture may have it, but not surely.
     is_doubted: bool,
+    /// Drawn since measuring was last granted as much.
+    ungranted_rays: u64,
     counts: Counts,
     /// Rays of either film.
     looked_up_rays: u64,
@@ -274,14 +276,14 @@ impl Rendering {
             traced: None,
             settings,
             learner: None,
-            learning: 0.0,
-            drawing: 0.0,
+            lead: 0.0,
             shortfall: None,
             measuring: measured
                 .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
             outlook: None,
             target: None,
             is_doubted: false,
+            ungranted_rays: 0,
             counts: Counts::default(),
             looked_up_rays: 0,
             traced_rays: 0,
@@ -304,7 +306,7 @@ impl Rendering {
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
     /// The films are valid after every step, cancelled or not.
     pub fn step(&mut self, cancel: &AtomicBool) -> Progress {
-        if let Some(progress) = self.learn(cancel) {
+        if let Some(progress) = self.learn(cancel).or_else(|| self.settle_doubt(cancel)) {
             return progress;
         }
         let is_first = self.film.passes_min() == 0;
@@ -314,11 +316,13 @@ impl Rendering {
             Turn::Traced => self.trace(cancel),
         };
         self.counts += progress.counts;
-        self.drawing += self.work(start, before);
+        self.lead -= self.learning_share() * self.work(start, before);
         // Whoever waits for a first picture waits for nothing else.
+        self.ungranted_rays += progress.counts.all_rays();
         if progress.complete && !is_first {
+            let drawn = std::mem::take(&mut self.ungranted_rays);
             if let Some(measuring) = self.measuring.as_mut().filter(|_| self.is_doubted) {
-                measuring.grant(progress.counts.all_rays());
+                measuring.grant(drawn);
             }
             self.measure(cancel);
         }
@@ -393,6 +397,16 @@ impl Rendering {
         if is_behind && 2 * self.traced_rays < spent { Turn::Traced } else { Turn::LookedUp }
     }
 
+    /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.
+    fn settle_doubt(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let spent = self.counts.all_rays();
+        self.measuring.as_ref().filter(|measuring| self.is_doubted && measuring.is_owed(spent))?;
+        let before = self.counts;
+        self.measure(cancel);
+        let counts = self.counts - before;
+        (counts.all_rays() > 0).then_some(Progress { counts, complete: false })
+    }
+
     /// Keeps the measure of the error up with the rest of the work.
     fn measure(&mut self, cancel: &AtomicBool) {
         let Some(measuring) = &mut self.measuring else { return };
@@ -408,6 +422,9 @@ impl Rendering {
             self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             self.is_doubted = self.is_doubtful();
+            if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
+                measuring.forget_grants(self.counts.all_rays());
+            }
         }
     }
 
@@ -421,25 +438,26 @@ impl Rendering {
 
     /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.
     pub fn aim_at(&mut self, target: Option<f64>) {
-        self.target = target;
+        if self.target != target {
+            (self.target, self.is_doubted) = (target, false);
+        }
     }
 
-    /// More is drawn before more is learnt: the next work goes where it takes off more.
-    fn draws_next(&self) -> bool {
+    /// Work on learning for each on drawing, by what the picture is short of.
+    fn learning_share(&self) -> f64 {
         let [least, most] = LEARNING_SHARES;
-        let share = self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share());
-        self.learning > share.clamp(least, most) * self.drawing
+        self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share()).clamp(least, most)
     }
 
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let (is_late, draws_next) = (self.is_late(), self.draws_next());
+        let is_late = self.is_late();
         let learner = self.learner.as_mut()?;
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || is_late || draws_next,
+            Stage::Rough => self.film.passes_min() == 0 || is_late || self.lead > 0.0,
             Stage::Complete => true,
         };
         if is_pass_due {
@@ -460,7 +478,7 @@ impl Rendering {
         }
         self.counts += counts;
         if !is_first {
-            self.learning += self.work(start, counts_before);
+            self.lead += self.work(start, counts_before);
         }
         Some(Progress { counts, complete: false })
     }
@@ -538,7 +556,7 @@ impl Rendering {
         by_either.into_iter().flatten().reduce(MeasuredError::surer)
     }
 
-    /// What is left to do until the picture has an error (√relMSE), as far as that can be told; `None` before anything is known.
+    /// What is left to do until the picture has an error (√relMSE); `None` where that cannot be told.
     ///
     /// - `measured`: its error now
     /// - `learns`: others learn more of its light
@@ -550,11 +568,19 @@ impl Rendering {
         let passes = f64::from(self.passes());
         match &self.outlook {
             Some(outlook) if !learns && self.knows_its_light() => {
-                let traces = self.settings.indirect == Indirect::Auto;
-                Some(forecast::of_films(outlook, measured, target, rays, traces))
+                let way = Way {
+                    outlook,
+                    measured,
+                    target,
+                    rays,
+                    measuring_share: self.settings.measuring.of_rays(),
+                    is_aimed_at: self.target.is_some_and(|own| (own - target).abs() < 1e-6),
+                    traces: self.settings.indirect == Indirect::Auto,
+                };
+                way.remaining()
             }
             // Noise falls as one over the work, and so about does what is not known yet of the light.
-            _ => (passes > 0.0).then(|| forecast::as_noise(measured, target, rays, passes)),
+            _ => forecast::as_noise(measured, target, rays, passes),
         }
     }
 

@@ -588,6 +588,38 @@ fn the_best_there_is_shows_all_the_light_and_measures_itself() {
     assert_eq!(draw(2), (radiance, error, techniques));
 }
 
+/// Where only doubt is left of whether a picture has the error asked for, measuring takes as much work as drawing, so it ends
+/// sooner, and the same whatever the number of threads.
+#[test]
+fn doubt_of_an_error_is_settled_by_measuring() {
+    let world = Arc::new(world_of(samples::boxes().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(48, 32).unwrap();
+    const TARGET: f64 = 0.008;
+    let draw = |target: Option<f64>, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (indirect, learning) = (Indirect::Irradiance, Learning::InStep);
+        let settings = RenderSettings { indirect, learning, seed: 6, ..RenderSettings::default() };
+        pool.install(|| {
+            let mut rendering = Rendering::new(world.clone(), view, size, settings);
+            rendering.aim_at(target);
+            let is_done = |rendering: &Rendering| {
+                let measured = rendering.measured_error();
+                rendering.knows_its_light() && measured.is_some_and(|measured| measured.reaches(TARGET))
+            };
+            while rendering.passes() < 2 || !rendering.is_whole() || !is_done(&rendering) {
+                rendering.step(&AtomicBool::new(false));
+                assert!(rendering.passes() < 20_000);
+            }
+            (rendering.passes(), rendering.counts(), rendering.picture().radiance())
+        })
+    };
+    let (aimed, blind) = (draw(Some(TARGET), 1), draw(None, 1));
+    assert!(2 * aimed.0 < blind.0, "{} samples for {}", aimed.0, blind.0);
+    assert!(aimed.1.all_rays() < blind.1.all_rays());
+    assert_eq!(draw(Some(TARGET), 3), aimed);
+}
+
 /// With one bounce nothing is learnt, and the best there is is the path tracer.
 #[test]
 fn one_bounce_needs_no_chain() {

@@ -13,6 +13,8 @@ use lumicast_engine::{
     scene::{Camera, Scene},
 };
 
+use lumicast_protocol::Accuracy;
+
 use super::super::{CliError, SceneSource};
 
 /// Render one picture, without a server, with the same engine.
@@ -225,10 +227,10 @@ fn parse_error(value: &str) -> Result<f64, String> {
         None => (value, 1.0),
     };
     let error = f64::from_str(number).map_err(|_| format!("{number:?} is not a number"))? * factor;
-    if error > 0.0 && error < 1.0 {
+    if error >= f64::from(Accuracy::TARGET_MIN) && error < 1.0 {
         Ok(error)
     } else {
-        Err("must be above 0 and below 1 (0.02 or 2% stops at two percent)".into())
+        Err("must be from 0.000001 on and below 1 (0.02 or 2% stops at two percent)".into())
     }
 }
 

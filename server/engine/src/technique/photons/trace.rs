@@ -157,14 +157,10 @@ impl PhotonTracer<'_> {
     }
 }
 
-/// Highest chance of going on. Where no light is lost a photon is kept at every surface it meets until chance ends it: at 20 on
-/// average where it is scattered, at 100 where it goes to and fro between mirrors or inside glass, which it must be able to leave.
-fn survival_max(scatter: Scatter) -> f32 {
-    match scatter {
-        Scatter::Diffuse => 0.95,
-        Scatter::Specular => 0.99,
-    }
-}
+/// Highest chance of going on. Where no light is lost a photon is kept at every surface it meets until chance ends it, after 100
+/// in the mean; a lower chance would turn the light of bright rooms into few, ever heavier photons: their second moment grows
+/// by ρ² over the chance with every surface.
+const SURVIVAL_MAX: f32 = 0.99;
 
 /// Draws where the photon goes on; false when it is absorbed.
 fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
@@ -172,8 +168,8 @@ fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f
     let wo_local = surface.frame.to_local(-flight.ray.direction);
     let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
     let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
-    // Roulette by how much luminance is left: power stays nearly the same.
-    let survives = (next.weight.luminance() / flight.weight.luminance()).min(survival_max(drawn.scatter));
+    // Roulette by how much luminance is left: power stays nearly the same, but where next to nothing is lost.
+    let survives = (next.weight.luminance() / flight.weight.luminance()).min(SURVIVAL_MAX);
     if !(survives > 0.0) || *survival >= survives {
         return false;
     }
