@@ -143,6 +143,7 @@ async fn a_picture_can_be_asked_for() {
         "error=-1%25",
         "error=%25",
         "error=1e-9",
+        "error=5",
         "error=inf",
         "tone_map=vivid",
         "exposure_ev=99",

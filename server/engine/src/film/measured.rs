@@ -142,43 +142,79 @@ pub(super) fn of_pixels(errors: &[f64]) -> MeasuredError {
     MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
 }
 
+/// Relative squared errors of some pixels, estimated, with their weights.
+struct AtPixels {
+    errors: Vec<f64>,
+    /// Variance of each by what path tracing does not know of its pixel.
+    noises: Vec<f64>,
+}
+
+impl AtPixels {
+    /// `None` below two pixels and for pictures that are black all over.
+    fn of(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<AtPixels> {
+        let sum =
+            |total: f64, colour: &Rgb| total + colour.to_array().into_iter().map(f64::from).sum::<f64>();
+        let mean = image.iter().fold(0.0, sum) / (3 * image.len()) as f64;
+        if mean <= 0.0 || pixels.len() < 2 {
+            return None;
+        }
+        let floor = 0.01 * mean * mean;
+        let typical: [f64; 3] = std::array::from_fn(|c| {
+            let relative = |pixel: &GaugedPixel| pixel.variance[c] / (pixel.mean(c).powi(2) + floor);
+            pixels.iter().map(relative).sum::<f64>() / pixels.len() as f64
+        });
+        let of_pixel = |pixel: &GaugedPixel| {
+            let shown = image[pixel.index].to_array().map(f64::from);
+            let [a, b] = &pixel.halves;
+            let squared: [f64; 3] = std::array::from_fn(|c| (shown[c] - a[c]) * (shown[c] - b[c]));
+            // Of a product of two numbers with the mean e and twice the variance v of their mean: 2 e² · 2v + (2v)².
+            let noise: [f64; 3] = std::array::from_fn(|c| {
+                let v = pixel.variance[c];
+                (4.0 * v * (squared[c].max(0.0) + v)).sqrt()
+            });
+            let around = mean_around(image, size, pixel.index);
+            let truth = std::array::from_fn(|c| pixel.brightness(around[c], c, typical[c]));
+            let of = |squares| pixel.weight * relative(squares, truth, mean);
+            (of(squared), of(noise).powi(2))
+        };
+        let (errors, noises) = pixels.iter().map(of_pixel).unzip();
+        Some(AtPixels { errors, noises })
+    }
+}
+
 /// The error of `image` (`[h × w]`, W/(m² sr)), bias included, by what is known of the truth at some of its pixels; `None`
 /// below two of them and for pictures that are black all over.
 pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<MeasuredError> {
-    let sum = |total: f64, colour: &Rgb| total + colour.to_array().into_iter().map(f64::from).sum::<f64>();
-    let mean = image.iter().fold(0.0, sum) / (3 * image.len()) as f64;
-    if mean <= 0.0 || pixels.len() < 2 {
-        return None;
-    }
-    let typical: [f64; 3] = std::array::from_fn(|c| {
-        pixels.iter().map(|pixel| pixel.variance[c]).sum::<f64>() / pixels.len() as f64
-    });
-    let errors: Vec<f64> = pixels
-        .iter()
-        .map(|pixel| {
-            let shown = image[pixel.index].to_array().map(f64::from);
-            let [a, b] = &pixel.halves;
-            let squared =
-                std::array::from_fn(|channel| (shown[channel] - a[channel]) * (shown[channel] - b[channel]));
-            let around = mean_around(image, size, pixel.index);
-            let truth = std::array::from_fn(|c| pixel.brightness(around[c], c, typical[c]));
-            pixel.weight * relative(squared, truth, mean)
-        })
-        .collect();
-    Some(of_pixels(&errors))
+    Some(of_pixels(&AtPixels::of(image, size, pixels)?.errors))
+}
+
+/// Whether more pixels would make such a measure surer than more samples for these: their errors differ by more than by what is
+/// not known of each.
+pub fn wants_more_pixels(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> bool {
+    let Some(AtPixels { errors, noises }) = AtPixels::of(image, size, pixels) else { return false };
+    let count = errors.len() as f64;
+    let mean = errors.iter().sum::<f64>() / count;
+    let spread = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>();
+    spread > 2.0 * noises.iter().sum::<f64>()
 }
 
 impl GaugedPixel {
+    /// Mean of all of its samples in channel `c`.
+    fn mean(&self, c: usize) -> f64 {
+        0.5 * (self.halves[0][c] + self.halves[1][c])
+    }
+
     /// What stands for the truth where an error is weighed by it: what the picture shows around the pixel, and, as far as that is
     /// surely wrong, what was found in its place. A room that is drawn ten times too bright would else be measured by its own
     /// brightness: 14 % were shown for 74. Where the two agree within chance nothing that was found counts: its noise would
     /// weigh itself.
     ///
     /// - `around`: the picture's mean around the pixel, in channel `c`
-    /// - `typical`: variance of other pixels' means: few samples of one pixel may have found no light at all, and agree on that
+    /// - `typical`: relative variance of other pixels' means: few samples of one pixel may have found no light at all, and agree
+    ///   on that
     fn brightness(&self, around: f64, c: usize, typical: f64) -> f64 {
-        let off = 0.5 * (self.halves[0][c] + self.halves[1][c]) - around;
-        let chance = SURELY * SURELY * self.variance[c].max(typical);
+        let off = self.mean(c) - around;
+        let chance = SURELY * SURELY * self.variance[c].max(typical * around * around);
         if off * off > chance { around + off * (1.0 - chance / (off * off)) } else { around }
     }
 }

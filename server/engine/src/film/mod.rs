@@ -19,7 +19,7 @@ use crate::transport::PathClass;
 use glam::Vec3;
 
 pub use error::{CompareError, ImageError, compare};
-pub use measured::{BLACK_PASSES, GaugedPixel, MeasuredError, measure_at};
+pub use measured::{BLACK_PASSES, GaugedPixel, MeasuredError, measure_at, wants_more_pixels};
 pub use picture::Picture;
 pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};

@@ -9,7 +9,8 @@ use std::sync::atomic::AtomicBool;
 
 use super::hidden::HiddenHalves;
 use crate::{
-    film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at},
+    film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at, wants_more_pixels},
+    math::Rgb,
     technique::{
         Counts, View,
         path::{Gauge, PathSettings},
@@ -23,11 +24,9 @@ const RAYS_FOR_TIME: f64 = 0.6;
 const SAMPLES_BELIEVED: u32 = 16;
 /// The next decision falls due when the picture has this share of samples more than at the last: deciding looks at all pixels.
 const DECIDED_GROWTH: f64 = 0.125;
-/// More pixels instead of more samples for those there are, once the noise of these is as small as what the errors of pixels
-/// differ by, and with so many samples in any case: at equal cost that leaves the least doubt of the mean.
-const SAMPLES_ENOUGH: [f64; 2] = [32.0, 16_384.0];
-/// Standard deviation of the squared errors of pixels over their mean: 1.4 for noise, far more where a few pixels are wrong.
-const ERRORS_SPREAD: f64 = 1.5;
+/// More pixels instead of more samples for those there are, once their errors differ by more than by what is not known of each, and
+/// with so many samples in any case: at equal cost that leaves the least doubt of the mean.
+const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
 /// Squared error, over the square of what is blurred, that is expected of a caustic's shape or at an edge: some 15 %.
 const BLURRED: f32 = 0.02;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
@@ -67,7 +66,7 @@ pub(super) struct Measuring {
     rays: u64,
     /// Rays that it may take beside its share, because its doubt is all that keeps a picture from being done.
     granted: u64,
-    samples_enough: f64,
+    samples_enough: u32,
     /// Where error is expected, and the film's passes when it was found.
     expected: (u32, Vec<f32>),
     /// What path tracing cannot find.
@@ -95,6 +94,13 @@ impl Measuring {
     /// Lets it take so many more rays than its share.
     pub(super) fn grant(&mut self, rays: u64) {
         self.granted += rays;
+    }
+
+    /// Whether further samples go to the pixels there are, or to more of them.
+    fn choose_pixels_or_samples(&mut self, image: &[Rgb], size: PictureSize) {
+        let [least, most] = SAMPLES_ENOUGH;
+        let is_wide = wants_more_pixels(image, size, &self.gauge.pixels());
+        self.samples_enough = if is_wide { self.gauge.samples_max().clamp(least, most) } else { most };
     }
 
     /// What it was granted and has not taken is taken back.
@@ -174,19 +180,21 @@ impl Measuring {
     }
 }
 
-/// Where a film of looked-up light may be wrong: by its noise, where there are caustics, whose shapes are blurred, and at
+/// Where a film of looked-up light may be wrong or is hard to know: by its noise, where there are caustics, whose shapes are blurred, and at
 /// edges, in corners and beneath things, where what is known of the light changes within less than it resolves. Relative to
 /// what is shown there, as the error is.
 fn expected_error(film: &Film) -> Vec<f32> {
     let shown: Vec<f32> = film.radiance().iter().map(|colour| colour.luminance()).collect();
     let mean = shown.iter().sum::<f32>() / shown.len() as f32;
     let (caustics, variance) = (film.layer(PathClass::Caustic), film.variance());
+    let spread = 1.0 + film.passes_min() as f32 / SAMPLES_ENOUGH[0] as f32;
     let width = film.size().width() as usize;
     (0..shown.len())
         .map(|index| {
             let scale = shown[index].powi(2) + 0.01 * mean * mean;
             let blurred = caustics[index].luminance().powi(2) + contrast(&shown, width, index);
-            let wrong = variance[index] + BLURRED * blurred;
+            // What its samples spread by is what path tracing will not know of it, too.
+            let wrong = variance[index] * spread + BLURRED * blurred;
             if scale > 0.0 { (wrong / scale).min(f32::MAX / shown.len() as f32) } else { 0.0 }
         })
         .collect()
@@ -294,8 +302,7 @@ impl Outlook {
             Some(((noise, passes), spent)) => (noise * f64::from(passes), spent.rays_a_pass()),
             None => (cost.variance, cost.rays * pixel_count),
         };
-        let [least, most] = SAMPLES_ENOUGH;
-        measuring.samples_enough = (cost.variance / (ERRORS_SPREAD * error.max(1e-12))).clamp(least, most);
+        measuring.choose_pixels_or_samples(&film.radiance(), film.size());
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
             noise,

@@ -45,13 +45,13 @@ pub struct RenderArgs {
     /// one sample in any case
     #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
     pub time: Option<Duration>,
-    /// Stop at this error (√relMSE, measured), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it
-    /// where it is less than they can reach
+    /// Stop at this error (√relMSE, measured, and the upper end of its 95 % interval not a tenth above), as a share or in
+    /// percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
-    /// Share of the time that measuring the error may take, such as 5%; from 1% to 50%. Where --error is asked for and only
+    /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is asked for and only
     /// doubt is left of whether it is reached, measuring takes as much as drawing. path measures itself and takes nothing
-    #[arg(long, value_name = "SHARE", default_value = "5%", value_parser = parse_measuring)]
+    #[arg(long, value_name = "PERCENT", default_value = "5%", value_parser = parse_measuring)]
     pub measuring: MeasuringShare,
     /// Stop at this many samples per pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]

@@ -23,7 +23,7 @@ const SETS_MAX: usize = 256;
 /// A set counts beside the first once it has this share of its samples.
 const COUNTED_SHARE: f64 = 0.5;
 /// Share of the pixels of a set that are drawn evenly, wherever error is expected.
-const EVEN_SHARE: f64 = 0.7;
+const EVEN_SHARE: f64 = 0.5;
 
 /// What samples cost and how they spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -82,7 +82,7 @@ impl Gauge {
     pub fn step(
         &mut self,
         (world, view): (&World, &View),
-        samples_enough: f64,
+        samples_enough: u32,
         expected: &[f32],
         hidden: [Option<&dyn FocusedLight>; 2],
         cancel: &AtomicBool,
@@ -92,7 +92,7 @@ impl Gauge {
         }
         let fewest = (0..self.sets.len()).min_by_key(|index| self.sets[*index].samples);
         let index = match fewest {
-            Some(index) if f64::from(self.sets[index].samples) < samples_enough => index,
+            Some(index) if self.sets[index].samples < samples_enough => index,
             Some(index) if self.sets.len() >= SETS_MAX => index,
             _ => {
                 let number = self.sets.len() as u32;
@@ -132,6 +132,11 @@ impl Gauge {
     /// Samples of either half that every counted pixel has, at least.
     pub fn samples(&self) -> u32 {
         self.counted().map(|set| set.samples).min().unwrap_or(0)
+    }
+
+    /// Samples of either half that the best known set has.
+    pub fn samples_max(&self) -> u32 {
+        self.sets.iter().map(|set| set.samples).max().unwrap_or(0)
     }
 
     /// No sample of any pixel brought light.
@@ -298,7 +303,7 @@ mod tests {
         let mut gauge = Gauge::new(PathSettings::all(None, 0), size);
         let never = AtomicBool::new(false);
         (0..8).for_each(|_| {
-            gauge.step((&world, &view), 16.0, &[], [None, None], &never);
+            gauge.step((&world, &view), 16, &[], [None, None], &never);
         });
         let pixels = gauge.pixels();
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));
