@@ -96,9 +96,9 @@ pub enum ForecastWhen {
 /// How often forecasts came true.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ForecastRecord {
-    /// Forecasts made after a tenth of the time that it took, whose error was reached since.
+    /// Forecasts made after a tenth of the time that it took, whose error was reached since, and those whose time went by.
     pub judged: u64,
-    /// Those of them within a quarter of that time.
+    /// Those of them that named the time within a quarter of it.
     pub right: u64,
 }
 

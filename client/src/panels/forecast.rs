@@ -1,6 +1,6 @@
 //! How good the picture is to become, by a word, and when it will be how good: the dial of time and error.
 
-use super::form::{fact, facts, line};
+use super::form::{fact, line};
 use crate::theme;
 use egui::{RichText, Ui};
 use lumicast_protocol::{Accuracy, ForecastRecord, ForecastWhen, Preset, Stats};
@@ -37,29 +37,25 @@ fn words(preset: Preset) -> &'static str {
     }
 }
 
-/// When the picture had or will have each error, and how often that was said rightly.
+/// Lines of when the picture had or will have each error, and how often that was said rightly.
 pub fn show(ui: &mut Ui, stats: &Stats) {
-    if stats.forecast.is_empty() {
-        return;
+    for forecast in &stats.forecast {
+        let label = percent(forecast.error);
+        let hint = "When the picture has this error, by what is known of it now";
+        let text = RichText::new(forecast.to_string());
+        let text = match forecast.when {
+            ForecastWhen::Reached => text.color(theme::GOOD),
+            ForecastWhen::In => text,
+            _ => text.color(theme::WEAK),
+        };
+        fact(ui, &label, hint, text);
     }
-    facts(ui, "forecast", |ui| {
-        for forecast in &stats.forecast {
-            let label = percent(forecast.error);
-            let hint = "When the picture has this error, by what is known of it now";
-            let text = RichText::new(forecast.to_string());
-            let text = match forecast.when {
-                ForecastWhen::Reached => text.color(theme::GOOD),
-                ForecastWhen::In => text,
-                _ => text.color(theme::WEAK),
-            };
-            fact(ui, &label, hint, text);
-        }
-        let ForecastRecord { judged, right } = stats.forecast_record;
-        if judged > 0 {
-            let hint = "Forecasts that named the time within a quarter of it, of those whose error was reached since";
-            fact(ui, "Came true", hint, format!("{right} of {judged}"));
-        }
-    });
+    let ForecastRecord { judged, right } = stats.forecast_record;
+    if judged > 0 {
+        let hint = "Forecasts that named the time within a quarter of it, of those whose error was reached since or whose \
+                    time went by";
+        fact(ui, "Came true", hint, format!("{right} of {judged}"));
+    }
 }
 
 /// Whole percents as people write them.

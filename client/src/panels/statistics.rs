@@ -11,10 +11,10 @@ use egui::{RichText, Ui};
 pub fn show(ui: &mut Ui, model: &Model, now_s: f64) {
     plot::show(ui, &model.errors, model.accuracy().target().map(f64::from));
     ui.add_space(4.0);
-    if let Some(stats) = &model.stats {
-        forecast::show(ui, stats);
-    }
     facts(ui, "statistics", |ui| {
+        if let Some(stats) = &model.stats {
+            forecast::show(ui, stats);
+        }
         picture(ui, model);
         ui.end_row();
         line(ui, model, now_s);
