@@ -4,7 +4,8 @@
 //! Whatever was foretold is held against what came true: a forecast is worth what its record says.
 
 use super::{
-    DOUBTED, Rendering,
+    Rendering,
+    accuracy::DOUBTED,
     chain::{Outlook, Shortfall},
 };
 use crate::film::MeasuredError;
@@ -366,15 +367,18 @@ mod tests {
     use super::*;
     use crate::{
         film::PictureSize,
-        render::{Indirect, Learning, RenderSettings},
+        render::{IlluminationSettings, Indirect, Learning, RenderSettings},
         scene::samples,
         transport::World,
     };
 
+    /// Its octree is made of few photons and coarse.
     fn boxes(settings: RenderSettings) -> Rendering {
         let world = Arc::new(World::prepare(Arc::new(samples::boxes().unwrap())));
         let view = world.scene().camera_view(None).unwrap();
-        Rendering::new(world, view, PictureSize::new(48, 32).unwrap(), settings)
+        let mut light = IlluminationSettings::of(&settings);
+        (light.photons.emitted_count, light.octree.photon_count, light.octree.depth) = (20_000, 20_000, 4);
+        Rendering::learning_by((world, light), view, PictureSize::new(48, 32).unwrap(), settings)
     }
 
     /// Looks at a picture after every step until it has so many samples, with rays for a clock.
@@ -414,7 +418,7 @@ mod tests {
             let mut rendering = boxes(settings);
             watch(&mut rendering, &[0.001], 64);
             // Some more, by what is known in the end.
-            let passes = rendering.passes() + 16;
+            let passes = rendering.passes() + 400;
             watch(&mut rendering, &[0.001], passes).1[0].when
         };
         let octree = of(Indirect::Octree);

@@ -3,13 +3,16 @@
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
 //! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next and
-//! measures what comes of it. Imports every room to its left; the server talks to this one.
+//! measures what comes of it, `learning.rs` shares the work between learning and drawing, `accuracy.rs` says how good the picture
+//! is, and `forecast.rs` when it will be better. Imports every room to its left; the server talks to this one.
 
+mod accuracy;
 mod chain;
 mod forecast;
 mod hidden;
 mod illumination;
 mod learner;
+mod learning;
 #[cfg(test)]
 mod tests;
 
@@ -20,7 +23,7 @@ use std::{
 
 use crate::{
     effects::{EffectChoices, EffectKind, EffectPlan},
-    film::{Film, MeasuredError, Outdated, Picture, PictureSize},
+    film::{Film, Outdated, Picture, PictureSize},
     math::sobol,
     scene::CameraView,
     technique::{
@@ -30,22 +33,13 @@ use crate::{
     },
     transport::{PathClass, PathClasses, World},
 };
-use chain::{Measuring, Outlook, Shortfall, Spent, Turn};
-use forecast::Way;
+use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
-
-/// Work on learning for each that goes into drawing while there is more to learn: before it is measured what the picture is
-/// short of, and at least and at most afterwards.
-const LEARNING_SHARE: f64 = 1.0;
-const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
-
-/// An error that is measured this many times that asked for may in truth be that already, where it is known badly.
-const DOUBTED: f64 = 1.25;
 
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
 const SHARE_SHOWN: f64 = 0.01;
@@ -397,140 +391,9 @@ impl Rendering {
         if is_behind && 2 * self.traced_rays < spent { Turn::Traced } else { Turn::LookedUp }
     }
 
-    /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.
-    fn settle_doubt(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let spent = self.counts.all_rays();
-        self.measuring.as_ref().filter(|measuring| self.is_doubted && measuring.is_owed(spent))?;
-        let before = self.counts;
-        self.measure(cancel);
-        let counts = self.counts - before;
-        (counts.all_rays() > 0).then_some(Progress { counts, complete: false })
-    }
-
-    /// Keeps the measure of the error up with the rest of the work.
-    fn measure(&mut self, cancel: &AtomicBool) {
-        let Some(measuring) = &mut self.measuring else { return };
-        let spent = self.counts.all_rays();
-        self.counts += measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
-        let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
-        let traced = self.traced.as_ref().map(|film| {
-            let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };
-            (film, spent)
-        });
-        let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
-        if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
-            self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
-            self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
-            self.is_doubted = self.is_doubtful();
-            if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
-                measuring.forget_grants(self.counts.all_rays());
-            }
-        }
-    }
-
-    /// The picture may be as good as asked for, and only the measure is too uncertain to say so: then measuring gets as much work
-    /// as drawing.
-    fn is_doubtful(&self) -> bool {
-        let Some(target) = self.target.filter(|_| self.knows_its_light()) else { return false };
-        let measured = self.measured_error();
-        measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !measured.reaches(target))
-    }
-
-    /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.
-    pub fn aim_at(&mut self, target: Option<f64>) {
-        if self.target != target {
-            (self.target, self.is_doubted) = (target, false);
-        }
-    }
-
-    /// Work on learning for each on drawing, by what the picture is short of.
-    fn learning_share(&self) -> f64 {
-        let [least, most] = LEARNING_SHARES;
-        self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share()).clamp(least, most)
-    }
-
-    /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
-    /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
-    fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let is_late = self.is_late();
-        let learner = self.learner.as_mut()?;
-        let is_pass_due = match learner.stage() {
-            Stage::Nothing => false,
-            Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || is_late || self.lead > 0.0,
-            Stage::Complete => true,
-        };
-        if is_pass_due {
-            if is_late && learner.shows_all() {
-                let known = learner.known().cloned();
-                self.relight(known, Outdated::Rough);
-            }
-            return None;
-        }
-        let (start, counts_before) = (Instant::now(), self.counts);
-        let is_first = learner.stage() == Stage::Nothing;
-        let before = learner.counts();
-        let is_better = learner.step(&self.world, cancel);
-        let counts = learner.counts() - before;
-        let known = learner.known().cloned();
-        if is_better {
-            self.relight(known, Outdated::Rough);
-        }
-        self.counts += counts;
-        if !is_first {
-            self.lead += self.work(start, counts_before);
-        }
-        Some(Progress { counts, complete: false })
-    }
-
-    /// What was done since then, in seconds, or in rays where no clock may decide.
-    fn work(&self, start: Instant, before: Counts) -> f64 {
-        match self.settings.learning {
-            Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
-            Learning::First | Learning::InStep => (self.counts - before).all_rays() as f64,
-        }
-    }
-
-    fn is_late(&self) -> bool {
-        matches!(self.settings.learning, Learning::Alongside { until: Some(moment) } if Instant::now() >= moment)
-    }
-
     /// Lets what is known of the light answer for caustics as well, instead of photons of their own: for measuring it.
     pub fn look_caustics_up(&mut self) {
         self.caustics = None;
-    }
-
-    /// Goes on with what is known of the light by now; what was sampled of direct light stays.
-    pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
-        self.technique = tracer(&self.settings, self.looked_up, self.learnt, known);
-        // Caustics of their own do not depend on what is known, but on the scene.
-        let classes: &[PathClass] = match (&self.caustics, outdated) {
-            (Some(_), Outdated::Rough) => &[PathClass::Indirect],
-            _ => &[PathClass::Indirect, PathClass::Caustic],
-        };
-        self.film.outdate(classes, outdated);
-        // Found of the light before.
-        self.outlook = None;
-    }
-
-    /// All that is to be known of the light is known: the film is what further passes add to.
-    pub fn knows_its_light(&self) -> bool {
-        self.learner.as_ref().is_none_or(|learner| learner.stage() == Stage::Complete)
-    }
-
-    /// What its light was learnt with, where it learns by itself.
-    pub fn illumination(&self) -> Option<&Illumination> {
-        self.learner.as_ref()?.illumination()
-    }
-
-    /// What it knows of its light by now, where it learns by itself.
-    pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
-        self.learner.as_ref()?.known()
-    }
-
-    /// What its records of irradiance took, where it makes any.
-    pub fn records(&self) -> RecordReport {
-        self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
     }
 
     /// What its caustics took and hold.
@@ -540,59 +403,6 @@ impl Rendering {
             self.measuring.iter().flat_map(|measuring| &measuring.hidden).map(HiddenHalves::report);
         let own = self.caustics.iter().map(Caustics::report);
         own.chain(hidden).chain(measured).fold(CausticReport::default(), |sum, report| sum + report)
-    }
-
-    /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
-    /// differ; of looked-up light, by path tracing some pixels, or, once that knows better, by the path-traced film in it.
-    /// Takes some tenths of a microsecond a pixel: ask a few times a second, not for every frame.
-    pub fn measured_error(&self) -> Option<MeasuredError> {
-        self.measured_error_of(&self.picture())
-    }
-
-    /// The same, of what [`Rendering::picture`] returned.
-    pub fn measured_error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
-        let Some(measuring) = &self.measuring else { return self.film.measured_error() };
-        let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
-        by_either.into_iter().flatten().reduce(MeasuredError::surer)
-    }
-
-    /// What is left to do until the picture has an error (√relMSE); `None` where that cannot be told.
-    ///
-    /// - `measured`: its error now
-    /// - `learns`: others learn more of its light
-    pub fn remaining(&self, measured: &MeasuredError, target: f64, learns: bool) -> Option<Remaining> {
-        if measured.reaches(target) {
-            return Some(Remaining::Nothing);
-        }
-        let rays = self.counts.all_rays() as f64;
-        let passes = f64::from(self.passes());
-        match &self.outlook {
-            Some(outlook) if !learns && self.knows_its_light() => {
-                let way = Way {
-                    outlook,
-                    measured,
-                    target,
-                    rays,
-                    measuring_share: self.settings.measuring.of_rays(),
-                    is_aimed_at: self.target.is_some_and(|own| (own - target).abs() < 1e-6),
-                    traces: self.settings.indirect == Indirect::Auto,
-                };
-                way.remaining()
-            }
-            // Noise falls as one over the work, and so about does what is not known yet of the light.
-            _ => forecast::as_noise(measured, target, rays, passes),
-        }
-    }
-
-    /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.
-    pub fn is_looked_up(&self) -> bool {
-        self.measuring.is_some()
-    }
-
-    /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
-    pub fn is_at_its_best(&self) -> bool {
-        let is_biased = matches!(self.settings.indirect, Indirect::Octree | Indirect::Irradiance);
-        is_biased && self.knows_its_light() && self.outlook.is_some_and(|outlook| outlook.is_at_its_floor())
     }
 
     /// The picture so far.

@@ -1,0 +1,117 @@
+//! How far a picture is from the truth, how that is found out, and what is left to do until it is as good as asked for.
+
+use std::sync::atomic::AtomicBool;
+
+use super::{
+    Indirect, Remaining, Rendering,
+    chain::{Outlook, Spent},
+    forecast::{self, Way},
+};
+use crate::{
+    film::{MeasuredError, Picture},
+    technique::Progress,
+};
+
+/// An error that is measured this many times that asked for may in truth be that already, where it is known badly.
+pub(super) const DOUBTED: f64 = 1.25;
+
+impl Rendering {
+    /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
+    /// differ; of looked-up light, by path tracing some pixels, or, once that knows better, by the path-traced film in it.
+    /// Takes some tenths of a microsecond a pixel: ask a few times a second, not for every frame.
+    pub fn measured_error(&self) -> Option<MeasuredError> {
+        self.measured_error_of(&self.picture())
+    }
+
+    /// The same, of what [`Rendering::picture`] returned.
+    pub fn measured_error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
+        let Some(measuring) = &self.measuring else { return self.film.measured_error() };
+        let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
+        by_either.into_iter().flatten().reduce(MeasuredError::surer)
+    }
+
+    /// What is left to do until the picture has an error (√relMSE); `None` where that cannot be told.
+    ///
+    /// - `measured`: its error now
+    /// - `learns`: others learn more of its light
+    pub fn remaining(&self, measured: &MeasuredError, target: f64, learns: bool) -> Option<Remaining> {
+        if measured.reaches(target) {
+            return Some(Remaining::Nothing);
+        }
+        let rays = self.counts.all_rays() as f64;
+        let passes = f64::from(self.passes());
+        match &self.outlook {
+            Some(outlook) if !learns && self.knows_its_light() => {
+                let way = Way {
+                    outlook,
+                    measured,
+                    target,
+                    rays,
+                    measuring_share: self.settings.measuring.of_rays(),
+                    is_aimed_at: self.target.is_some_and(|own| (own - target).abs() < 1e-6),
+                    traces: self.settings.indirect == Indirect::Auto,
+                };
+                way.remaining()
+            }
+            // Noise falls as one over the work, and so about does what is not known yet of the light.
+            _ => forecast::as_noise(measured, target, rays, passes),
+        }
+    }
+
+    /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.
+    pub fn aim_at(&mut self, target: Option<f64>) {
+        if self.target != target {
+            (self.target, self.is_doubted) = (target, false);
+        }
+    }
+
+    /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
+    pub fn is_at_its_best(&self) -> bool {
+        let is_biased = matches!(self.settings.indirect, Indirect::Octree | Indirect::Irradiance);
+        is_biased && self.knows_its_light() && self.outlook.is_some_and(|outlook| outlook.is_at_its_floor())
+    }
+
+    /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.
+    pub fn is_looked_up(&self) -> bool {
+        self.measuring.is_some()
+    }
+
+    /// Keeps the measure of the error up with the rest of the work.
+    pub(super) fn measure(&mut self, cancel: &AtomicBool) {
+        let Some(measuring) = &mut self.measuring else { return };
+        let spent = self.counts.all_rays();
+        self.counts += measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
+        let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
+        let traced = self.traced.as_ref().map(|film| {
+            let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };
+            (film, spent)
+        });
+        let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
+        if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
+            self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
+            self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
+            self.is_doubted = self.is_doubtful();
+            if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
+                measuring.forget_grants(self.counts.all_rays());
+            }
+        }
+    }
+
+    /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.
+    pub(super) fn settle_doubt(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let spent = self.counts.all_rays();
+        self.measuring.as_ref().filter(|measuring| self.is_doubted && measuring.is_owed(spent))?;
+        let before = self.counts;
+        self.measure(cancel);
+        let counts = self.counts - before;
+        (counts.all_rays() > 0).then_some(Progress { counts, complete: false })
+    }
+
+    /// The picture may be as good as asked for, and only the measure is too uncertain to say so: then measuring gets as much work
+    /// as drawing.
+    fn is_doubtful(&self) -> bool {
+        let Some(target) = self.target.filter(|_| self.knows_its_light()) else { return false };
+        let measured = self.measured_error();
+        measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !measured.reaches(target))
+    }
+}

@@ -1,0 +1,105 @@
+//! What a picture learns of its light by itself, and how that shares the work with drawing.
+
+use std::{
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
+
+use super::{Illumination, Learning, RecordReport, Rendering, Stage, tracer};
+use crate::{
+    film::Outdated,
+    technique::{Counts, Progress, SecondaryLight},
+    transport::PathClass,
+};
+
+/// Work on learning for each that goes into drawing while there is more to learn: before it is measured what the picture is
+/// short of, and at least and at most afterwards.
+const LEARNING_SHARE: f64 = 1.0;
+const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
+
+impl Rendering {
+    /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
+    /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
+    pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let is_late = self.is_late();
+        let learner = self.learner.as_mut()?;
+        let is_pass_due = match learner.stage() {
+            Stage::Nothing => false,
+            Stage::Rough if self.settings.learning == Learning::First => false,
+            Stage::Rough => self.film.passes_min() == 0 || is_late || self.lead > 0.0,
+            Stage::Complete => true,
+        };
+        if is_pass_due {
+            if is_late && learner.shows_all() {
+                let known = learner.known().cloned();
+                self.relight(known, Outdated::Rough);
+            }
+            return None;
+        }
+        let (start, counts_before) = (Instant::now(), self.counts);
+        let is_first = learner.stage() == Stage::Nothing;
+        let before = learner.counts();
+        let is_better = learner.step(&self.world, cancel);
+        let counts = learner.counts() - before;
+        let known = learner.known().cloned();
+        if is_better {
+            self.relight(known, Outdated::Rough);
+        }
+        self.counts += counts;
+        if !is_first {
+            self.lead += self.work(start, counts_before);
+        }
+        Some(Progress { counts, complete: false })
+    }
+
+    /// Work on learning for each on drawing, by what the picture is short of.
+    pub(super) fn learning_share(&self) -> f64 {
+        let [least, most] = LEARNING_SHARES;
+        self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share()).clamp(least, most)
+    }
+
+    /// What was done since then, in seconds, or in rays where no clock may decide.
+    pub(super) fn work(&self, start: Instant, before: Counts) -> f64 {
+        match self.settings.learning {
+            Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
+            Learning::First | Learning::InStep => (self.counts - before).all_rays() as f64,
+        }
+    }
+
+    pub(super) fn is_late(&self) -> bool {
+        matches!(self.settings.learning, Learning::Alongside { until: Some(moment) } if Instant::now() >= moment)
+    }
+
+    /// Goes on with what is known of the light by now; what was sampled of direct light stays.
+    pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
+        self.technique = tracer(&self.settings, self.looked_up, self.learnt, known);
+        // Caustics of their own do not depend on what is known, but on the scene.
+        let classes: &[PathClass] = match (&self.caustics, outdated) {
+            (Some(_), Outdated::Rough) => &[PathClass::Indirect],
+            _ => &[PathClass::Indirect, PathClass::Caustic],
+        };
+        self.film.outdate(classes, outdated);
+        // Found of the light before.
+        self.outlook = None;
+    }
+
+    /// All that is to be known of the light is known: the film is what further passes add to.
+    pub fn knows_its_light(&self) -> bool {
+        self.learner.as_ref().is_none_or(|learner| learner.stage() == Stage::Complete)
+    }
+
+    /// What its light was learnt with, where it learns by itself.
+    pub fn illumination(&self) -> Option<&Illumination> {
+        self.learner.as_ref()?.illumination()
+    }
+
+    /// What it knows of its light by now, where it learns by itself.
+    pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.learner.as_ref()?.known()
+    }
+
+    /// What its records of irradiance took, where it makes any.
+    pub fn records(&self) -> RecordReport {
+        self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
+    }
+}
