@@ -197,7 +197,7 @@ impl Metrics {
             ("samples_total", "Pixel samples drawn", &self.samples),
             (
                 "forecasts_judged_total",
-                "Forecasts of an error that was reached since",
+                "Forecasts whose error was reached or whose time went by",
                 &self.forecasts_judged,
             ),
             (

@@ -218,7 +218,7 @@ impl<'a> Job<'a> {
         };
         progress.finish();
         let seconds = self.seconds();
-        outlook.look(rendering, seconds);
+        outlook.end(rendering, seconds);
         if let Some(snapshots) = &mut snapshots {
             snapshots.take(rendering, &self.facts_now(rendering), seconds)?;
         }

@@ -12,6 +12,8 @@ pub(super) struct Foretold {
     forecasts: Forecasts,
     /// By the last picture; empty while that is smaller than asked for.
     expected: Vec<Expected>,
+    /// What was judged when it was last asked.
+    told: ForecastRecord,
 }
 
 /// A picture that is looked at.
@@ -31,7 +33,7 @@ pub(super) struct Look<'a> {
 
 impl Default for Foretold {
     fn default() -> Foretold {
-        Foretold { forecasts: Forecasts::new(&[]), expected: Vec::new() }
+        Foretold { forecasts: Forecasts::new(&[]), expected: Vec::new(), told: ForecastRecord::default() }
     }
 }
 
@@ -52,14 +54,14 @@ impl Foretold {
         self.expected.clear();
     }
 
-    /// Says anew when the picture will be how good; returns what came true of what was said before.
+    /// Says anew when the picture will be how good; returns what was judged since the last time of what was said before.
     pub(super) fn look(&mut self, look: Look<'_>) -> ForecastRecord {
         self.forecasts.aim(&Preset::errors_with((look.target > 0.0).then_some(look.target)));
-        let before = self.forecasts.record();
         let rendering = &look.layer.rendering;
         self.expected =
             self.forecasts.look(look.seconds, rendering, look.measured, look.learns, Some(look.samples_max));
-        self.forecasts.record().since(before)
+        let record = self.forecasts.record();
+        record.since(std::mem::replace(&mut self.told, record))
     }
 
     /// For the viewer's statistics.

@@ -62,6 +62,9 @@ impl Rendering {
     pub fn aim_at(&mut self, target: Option<f64>) {
         if self.target != target {
             (self.target, self.is_doubted) = (target, false);
+            if let Some(measuring) = &mut self.measuring {
+                measuring.forget_grants(self.counts.all_rays());
+            }
         }
     }
 

@@ -180,9 +180,9 @@ impl Measuring {
     }
 }
 
-/// Where a film of looked-up light may be wrong or is hard to know: by its noise, where there are caustics, whose shapes are blurred, and at
-/// edges, in corners and beneath things, where what is known of the light changes within less than it resolves. Relative to
-/// what is shown there, as the error is.
+/// Where a film of looked-up light may be wrong or is hard to know: by its noise, where there are caustics, whose shapes are
+/// blurred, and at edges, in corners and beneath things, where what is known of the light changes within less than it
+/// resolves. Relative to what is shown there, as the error is.
 fn expected_error(film: &Film) -> Vec<f32> {
     let shown: Vec<f32> = film.radiance().iter().map(|colour| colour.luminance()).collect();
     let mean = shown.iter().sum::<f32>() / shown.len() as f32;

@@ -47,10 +47,16 @@ impl Outlook {
     }
 
     /// Looks at the picture again.
-    pub(super) fn look(&mut self, rendering: &Rendering, seconds: f64) {
+    fn look(&mut self, rendering: &Rendering, seconds: f64) {
         self.next_seconds = seconds + PAUSE_SECONDS.max(PAUSE_SHARE * seconds);
         self.measured = rendering.measured_error();
         self.expected = self.forecasts.look(seconds, rendering, self.measured, false, self.samples_max);
+    }
+
+    /// Looks at the finished picture; what should have come by now and has not was foretold wrongly.
+    pub(super) fn end(&mut self, rendering: &Rendering, seconds: f64) {
+        self.look(rendering, seconds);
+        self.forecasts.resume(seconds);
     }
 
     /// Its error, last time.
