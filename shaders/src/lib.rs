@@ -1,0 +1,84 @@
+//! Lumicast's shaders: WGSL in a folder for each room of the engine, embedded here and proved by naga in tests.
+//!
+//! A [`Part`] is a file. A [`Step`] is what runs: an entry point and the parts that it needs, one after the other; WGSL
+//! itself knows no includes. Constants that Rust knows better are prepended, so that no number is written down twice.
+//! Imports nothing: the engine takes texts from here and hands them to its graphics interface.
+
+mod accel;
+
+#[cfg(test)]
+mod tests;
+
+pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
+
+/// Every step there is, in the order of rooms; a test parses and validates each.
+pub static STEPS: &[&Step] = &[&CLOSEST, &OCCLUDED];
+
+/// Constants with which the steps are proved: every name that a part expects to be prepended.
+pub static PROOF_CONSTANTS: &[(&str, Constant)] =
+    &[("STACK_SIZE", Constant::U32(32)), ("HAS_MASKS", Constant::Bool(true))];
+
+/// A file of WGSL, of which steps are made.
+#[derive(Debug)]
+pub struct Part {
+    /// Room and file, such as `accel/tree`.
+    pub name: &'static str,
+    /// The text.
+    pub source: &'static str,
+}
+
+/// A compute shader: what one dispatch runs.
+#[derive(Debug)]
+pub struct Step {
+    /// Room and step, such as `accel/closest`; no two steps share one.
+    pub name: &'static str,
+    /// The function that runs.
+    pub entry_point: &'static str,
+    /// What its source is made of, in this order.
+    pub parts: &'static [&'static Part],
+    /// Invocations of a workgroup along x, y, z, as the entry point says it too (a test compares them).
+    pub workgroup_size: [u32; 3],
+}
+
+impl Step {
+    /// The whole source: `constants`, then the parts.
+    ///
+    /// - `constants`: `[n]`, names and values, each name once
+    pub fn source(&self, constants: &[(&str, Constant)]) -> String {
+        let mut source = String::new();
+        for (name, value) in constants {
+            source.push_str(&value.declaration(name));
+        }
+        for part in self.parts {
+            source.push_str(part.source);
+            source.push('\n');
+        }
+        source
+    }
+}
+
+/// A number that is prepended to a step's source.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Constant {
+    /// A truth, which the compiler knows: what it excludes costs nothing.
+    Bool(bool),
+    /// A count or an index.
+    U32(u32),
+    /// A number with a sign.
+    I32(i32),
+    /// A finite number: WGSL knows no other constants.
+    F32(f32),
+}
+
+impl Constant {
+    /// `const NAME: type = value;` and a line break.
+    pub fn declaration(&self, name: &str) -> String {
+        match self {
+            Constant::Bool(value) => format!("const {name}: bool = {value};\n"),
+            Constant::U32(value) => format!("const {name}: u32 = {value}u;\n"),
+            Constant::I32(value) => format!("const {name}: i32 = {value};\n"),
+            // The shortest decimal number that reads back as the same bits, which WGSL rounds to nearest as Rust does.
+            Constant::F32(value) => format!("const {name}: f32 = {value:?}f;\n"),
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! Every step is WGSL that any WebGPU device takes.
+
+use std::collections::BTreeSet;
+
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+use crate::{Constant, PROOF_CONSTANTS, STEPS, Step};
+
+fn module_of(step: &Step) -> naga::Module {
+    let source = step.source(PROOF_CONSTANTS);
+    naga::front::wgsl::parse_str(&source)
+        .unwrap_or_else(|error| panic!("{}: {}", step.name, error.emit_to_string(&source)))
+}
+
+/// Parses, validates without optional capabilities, and runs in workgroups of the size that Rust believes.
+#[test]
+fn every_step_is_valid_on_every_device() {
+    for step in STEPS {
+        let module = module_of(step);
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        if let Err(error) = validator.validate(&module) {
+            panic!("{}: {}", step.name, error.emit_to_string(&step.source(PROOF_CONSTANTS)));
+        }
+        let entry_points: Vec<_> = module.entry_points.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(entry_points, [step.entry_point], "{} has one entry point", step.name);
+        assert_eq!(module.entry_points[0].workgroup_size, step.workgroup_size, "{}", step.name);
+    }
+}
+
+#[test]
+fn names_are_used_once() {
+    let names: BTreeSet<_> = STEPS.iter().map(|step| step.name).collect();
+    assert_eq!(names.len(), STEPS.len());
+    let constants: BTreeSet<_> = PROOF_CONSTANTS.iter().map(|(name, _)| name).collect();
+    assert_eq!(constants.len(), PROOF_CONSTANTS.len());
+}
+
+/// A constant reaches the shader as the same bits.
+#[test]
+fn constants_keep_their_value() {
+    for value in [0.0, -0.0, 1.0, -1.5, 1e-12, f32::MAX, f32::MIN_POSITIVE, f32::EPSILON, 16_777_217.0] {
+        let source = Constant::F32(value).declaration("X");
+        let module = naga::front::wgsl::parse_str(&source).unwrap();
+        let (_, constant) = module.constants.iter().next().unwrap();
+        let naga::Expression::Literal(naga::Literal::F32(read)) = module.global_expressions[constant.init]
+        else {
+            panic!("{source} is no literal");
+        };
+        assert_eq!(read.to_bits(), value.to_bits(), "{source}");
+    }
+    assert_eq!(Constant::U32(u32::MAX).declaration("A"), "const A: u32 = 4294967295u;\n");
+    assert_eq!(Constant::Bool(false).declaration("B"), "const B: bool = false;\n");
+    assert_eq!(Constant::I32(-3).declaration("C"), "const C: i32 = -3;\n");
+}
