@@ -1,0 +1,249 @@
+//! Work recorded, then handed over at once.
+
+use std::{
+    ops::Range,
+    sync::{Arc, OnceLock},
+};
+
+use super::{BindGroup, Buffer, GpuError, Pipeline, ReadBack, Session, read_back::Staging};
+
+/// Ticks at the beginning and the end, 8 bytes each.
+const CLOCK_BYTES: u64 = 16;
+
+/// Commands for the device, in order: each sees what those before it wrote. Nothing runs before [`Batch::submit`].
+#[derive(Debug)]
+pub struct Batch {
+    name: String,
+    session: Arc<Session>,
+    // Ended before anything else is recorded, and before the encoder is dropped.
+    pass: Option<wgpu::ComputePass<'static>>,
+    encoder: wgpu::CommandEncoder,
+    clock: Option<Clock>,
+    submitted: Arc<OnceLock<wgpu::SubmissionIndex>>,
+}
+
+/// Two readings of the device's clock.
+#[derive(Debug)]
+struct Clock {
+    queries: wgpu::QuerySet,
+    resolved: Buffer,
+}
+
+impl Session {
+    /// An empty batch.
+    ///
+    /// Errors: [`GpuError::Lost`], [`GpuError::Failed`].
+    pub fn batch(self: &Arc<Session>, name: &str) -> Result<Batch, GpuError> {
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some(name) };
+        let encoder = self.checked(
+            || self.device.create_command_encoder(&descriptor),
+            |error| GpuError::Failed { what: format!("batch {name}: {error}") },
+        )?;
+        Ok(Batch {
+            name: name.to_string(),
+            session: Arc::clone(self),
+            pass: None,
+            encoder,
+            clock: None,
+            submitted: Arc::default(),
+        })
+    }
+
+    /// An empty batch that takes the time on the device's clock; without such a clock it is [`Session::batch`].
+    ///
+    /// Errors: as [`Session::batch`], and [`GpuError::OutOfMemory`].
+    pub fn timed_batch(self: &Arc<Session>, name: &str) -> Result<Batch, GpuError> {
+        let mut batch = self.batch(name)?;
+        if self.nanoseconds_per_tick.is_none() {
+            return Ok(batch);
+        }
+        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+        let resolved = self.allocate("clock", CLOCK_BYTES, usage)?;
+        let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
+        let queries = self.checked(
+            || self.device.create_query_set(&descriptor),
+            |error| GpuError::Failed { what: format!("clock of batch {name}: {error}") },
+        )?;
+        tick(&mut batch.encoder, &queries, 0);
+        batch.clock = Some(Clock { queries, resolved });
+        Ok(batch)
+    }
+}
+
+/// Notes the time after all that was recorded. Only passes note it on every device, so this is one without work.
+fn tick(encoder: &mut wgpu::CommandEncoder, queries: &wgpu::QuerySet, index: u32) {
+    let (first, last) = if index == 0 { (Some(index), None) } else { (None, Some(index)) };
+    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+        label: None,
+        timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+            query_set: queries,
+            beginning_of_pass_write_index: first,
+            end_of_pass_write_index: last,
+        }),
+    });
+}
+
+impl Batch {
+    /// Runs a step in `workgroups` along x, y, z with these groups, the first being group 0.
+    ///
+    /// Errors: [`GpuError::Lost`] where a part is of another device. What the device refuses shows at
+    /// [`Batch::submit`].
+    pub fn dispatch(
+        &mut self,
+        pipeline: &Pipeline,
+        groups: &[&BindGroup],
+        workgroups: [u32; 3],
+    ) -> Result<(), GpuError> {
+        let [x, y, z] = workgroups;
+        self.prepare(pipeline, groups)?.dispatch_workgroups(x, y, z);
+        Ok(())
+    }
+
+    /// Runs a step in as many workgroups as three u32 in `sizes`, `offset` bytes from its start, say then.
+    ///
+    /// Errors: as [`Batch::dispatch`].
+    pub fn dispatch_indirect(
+        &mut self,
+        pipeline: &Pipeline,
+        groups: &[&BindGroup],
+        sizes: &Buffer,
+        offset: u64,
+    ) -> Result<(), GpuError> {
+        self.session.own(sizes.generation())?;
+        self.prepare(pipeline, groups)?.dispatch_workgroups_indirect(&sizes.buffer, offset);
+        Ok(())
+    }
+
+    /// The pass that dispatches follow each other in, ready for one.
+    fn prepare(
+        &mut self,
+        pipeline: &Pipeline,
+        groups: &[&BindGroup],
+    ) -> Result<&mut wgpu::ComputePass<'static>, GpuError> {
+        self.session.own(pipeline.generation)?;
+        for group in groups {
+            self.session.own(group.generation)?;
+        }
+        let encoder = &mut self.encoder;
+        let pass = self.pass.get_or_insert_with(|| {
+            let descriptor = wgpu::ComputePassDescriptor { label: Some(&self.name), timestamp_writes: None };
+            encoder.begin_compute_pass(&descriptor).forget_lifetime()
+        });
+        pass.set_pipeline(&pipeline.pipeline);
+        for (index, group) in (0..).zip(groups) {
+            pass.set_bind_group(index, &group.group, &[]);
+        }
+        Ok(pass)
+    }
+
+    /// Copies `bytes` of a buffer to `offset` of another. All are multiples of 4.
+    ///
+    /// Errors: as [`Batch::dispatch`].
+    pub fn copy(
+        &mut self,
+        from: &Buffer,
+        bytes: Range<u64>,
+        to: &Buffer,
+        offset: u64,
+    ) -> Result<(), GpuError> {
+        self.session.own(from.generation())?;
+        self.session.own(to.generation())?;
+        self.pass = None;
+        let byte_count = bytes.end.saturating_sub(bytes.start);
+        self.encoder.copy_buffer_to_buffer(&from.buffer, bytes.start, &to.buffer, offset, byte_count);
+        Ok(())
+    }
+
+    /// Fills a buffer with zeros.
+    ///
+    /// Errors: as [`Batch::dispatch`].
+    pub fn clear(&mut self, buffer: &Buffer) -> Result<(), GpuError> {
+        self.session.own(buffer.generation())?;
+        self.pass = None;
+        self.encoder.clear_buffer(&buffer.buffer, 0, None);
+        Ok(())
+    }
+
+    /// Copies `bytes` of a buffer, multiples of 4, to where they can be read once the batch is done.
+    ///
+    /// Errors: as [`Batch::dispatch`]; [`GpuError::OutOfMemory`], [`GpuError::Failed`] beyond the buffer's end.
+    pub fn read_back(&mut self, buffer: &Buffer, bytes: Range<u64>) -> Result<ReadBack, GpuError> {
+        self.session.own(buffer.generation())?;
+        if bytes.start > bytes.end || bytes.end > buffer.byte_count().next_multiple_of(4) {
+            let what =
+                format!("bytes {bytes:?} of buffer {:?}, which has {}", buffer.name(), buffer.byte_count());
+            return Err(GpuError::Failed { what });
+        }
+        self.stage(&buffer.buffer, buffer.name(), bytes)
+    }
+
+    fn stage(&mut self, buffer: &wgpu::Buffer, name: &str, bytes: Range<u64>) -> Result<ReadBack, GpuError> {
+        let byte_count = bytes.end - bytes.start;
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let staged = self.session.allocate(&format!("{name}, read back"), byte_count, usage)?;
+        self.pass = None;
+        if byte_count > 0 {
+            self.encoder.copy_buffer_to_buffer(buffer, bytes.start, &staged.buffer, 0, byte_count);
+        }
+        Ok(ReadBack::new(Staging {
+            session: Arc::clone(&self.session),
+            buffer: staged,
+            submitted: Arc::clone(&self.submitted),
+        }))
+    }
+
+    /// Hands the work over and returns at once.
+    ///
+    /// Errors: [`GpuError::Failed`] with what the device refuses (nothing of the batch runs then), [`GpuError::Lost`].
+    pub fn submit(mut self) -> Result<Submission, GpuError> {
+        self.pass = None;
+        let mut ticks = None;
+        if let Some(Clock { queries, resolved }) = self.clock.take() {
+            tick(&mut self.encoder, &queries, 1);
+            self.encoder.resolve_query_set(&queries, 0..2, &resolved.buffer, 0);
+            ticks = Some(self.stage(&resolved.buffer, "clock", 0..CLOCK_BYTES)?);
+        }
+        let Batch { name, session, encoder, submitted, .. } = self;
+        let index = session.checked(
+            || session.queue.submit([encoder.finish()]),
+            |error| GpuError::Failed { what: format!("batch {name}: {error}") },
+        )?;
+        // Set once: this batch is gone with it.
+        let _ = submitted.set(index.clone());
+        Ok(Submission { name, session, index, ticks })
+    }
+}
+
+/// Work that the device has.
+#[derive(Debug)]
+pub struct Submission {
+    name: String,
+    session: Arc<Session>,
+    index: wgpu::SubmissionIndex,
+    ticks: Option<ReadBack>,
+}
+
+impl Submission {
+    /// Waits until it is done.
+    ///
+    /// Errors: [`GpuError::TimedOut`] after the options' `seconds_max`, [`GpuError::Lost`], [`GpuError::Failed`].
+    pub fn wait(&self) -> Result<(), GpuError> {
+        self.session.wait_for(&self.index, &self.name)
+    }
+
+    /// Waits until it is done, and returns the seconds it took on the device's clock; `None` for batches that are not
+    /// timed and devices without one.
+    ///
+    /// Errors: as [`Submission::wait`].
+    pub fn gpu_seconds(mut self) -> Result<Option<f64>, GpuError> {
+        self.wait()?;
+        let (Some(ticks), Some(nanoseconds)) = (self.ticks.take(), self.session.nanoseconds_per_tick) else {
+            return Ok(None);
+        };
+        let bytes = ticks.collect()?;
+        let mut ticks = bytes.chunks_exact(8).map(|tick| bytemuck::pod_read_unaligned::<u64>(tick));
+        let (first, last) = (ticks.next().unwrap_or(0), ticks.next().unwrap_or(0));
+        // A clock that was set back in between says nothing.
+        Ok(last.checked_sub(first).map(|ticks| ticks as f64 * f64::from(nanoseconds) * 1e-9))
+    }
+}

@@ -1,0 +1,26 @@
+//! The graphics card: adapter, device, buffers with byte bounds, pipelines, batches of work, reading back, loss.
+//!
+//! Imports `accel` for the packed trees; wgpu is named only here and in the rooms' `gpu.rs`. Shaders come from the crate
+//! `lumicast-shaders`. Why [`Gpu`] and [`Session`] are two: a device can be lost at any time (driver update, watchdog,
+//! a card that is pulled), and all its buffers with it. A `Session` is one device and lives until then; [`Gpu::session`]
+//! opens the next. Whoever holds buffers compares [`Session::generation`] and uploads again.
+//!
+//! Nothing here panics on what a card or its driver does: every call says [`GpuError`], and the CPU computes the same.
+
+mod adapter;
+mod batch;
+mod buffer;
+mod error;
+mod pipeline;
+mod read_back;
+mod session;
+#[cfg(test)]
+pub(crate) mod tests;
+
+pub use adapter::{AdapterChoice, AdapterKind, AdapterReason, AdapterReport};
+pub use batch::{Batch, Submission};
+pub use buffer::{BindGroup, Binding, Buffer, Layout};
+pub use error::GpuError;
+pub use pipeline::Pipeline;
+pub use read_back::ReadBack;
+pub use session::{Gpu, GpuOptions, Session};

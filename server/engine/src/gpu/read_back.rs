@@ -1,0 +1,116 @@
+//! Bytes on their way back from the device.
+
+use std::{
+    ops::Range,
+    sync::{
+        Arc, OnceLock,
+        mpsc::{Receiver, TryRecvError, channel},
+    },
+};
+
+use super::{Buffer, GpuError, Session};
+
+/// Where bytes wait to be read.
+#[derive(Debug)]
+pub(super) struct Staging {
+    pub(super) session: Arc<Session>,
+    pub(super) buffer: Buffer,
+    /// Set when the batch that copies them is handed over.
+    pub(super) submitted: Arc<OnceLock<wgpu::SubmissionIndex>>,
+}
+
+/// Bytes that a batch copies to where they can be read.
+#[derive(Debug)]
+pub struct ReadBack {
+    staging: Staging,
+    /// What became of mapping the memory, once that was asked for.
+    mapped: Option<Receiver<Result<(), wgpu::BufferAsyncError>>>,
+}
+
+impl ReadBack {
+    pub(super) fn new(staging: Staging) -> ReadBack {
+        ReadBack { staging, mapped: None }
+    }
+
+    /// Waits for the bytes.
+    ///
+    /// Errors: [`GpuError::TimedOut`] after the options' `seconds_max`, [`GpuError::Lost`], [`GpuError::Failed`], also
+    /// where the batch was not submitted.
+    pub fn collect(mut self) -> Result<Vec<u8>, GpuError> {
+        let index = self.map()?;
+        self.staging.session.wait_for(&index, self.staging.buffer.name())?;
+        let session = Arc::clone(&self.staging.session);
+        let received = self.mapped.take().and_then(|mapped| mapped.recv_timeout(session.wait_max).ok());
+        self.taken(received.unwrap_or(Err(wgpu::BufferAsyncError)))
+    }
+
+    /// The bytes when they are there, `None` when they are not yet; once they were taken there are no more.
+    ///
+    /// Errors: as [`ReadBack::collect`], but it never waits.
+    pub fn try_collect(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
+        self.map()?;
+        self.staging.session.poll(wgpu::PollType::Poll)?;
+        let Some(mapped) = &self.mapped else { return Ok(None) };
+        match mapped.try_recv() {
+            Err(TryRecvError::Empty) => self.staging.session.check().map(|()| None),
+            Err(TryRecvError::Disconnected) => self.taken(Err(wgpu::BufferAsyncError)).map(Some),
+            Ok(result) => self.taken(result).map(Some),
+        }
+    }
+
+    /// Asks for the memory to be mapped, once. Not before the batch is handed over: commands may not touch it then.
+    fn map(&mut self) -> Result<wgpu::SubmissionIndex, GpuError> {
+        let Staging { session, buffer, submitted } = &self.staging;
+        session.check()?;
+        let Some(index) = submitted.get() else {
+            return Err(GpuError::Failed { what: format!("{}: its batch was not submitted", buffer.name()) });
+        };
+        if self.mapped.is_none() {
+            let (sender, receiver) = channel();
+            session.checked(
+                || {
+                    // Nobody listens any more where the read-back was dropped.
+                    let tell = move |result| drop(sender.send(result));
+                    buffer.buffer.map_async(wgpu::MapMode::Read, .., tell);
+                },
+                |error| GpuError::Failed { what: format!("{}: {error}", buffer.name()) },
+            )?;
+            self.mapped = Some(receiver);
+        }
+        Ok(index.clone())
+    }
+
+    fn taken(&self, mapped: Result<(), wgpu::BufferAsyncError>) -> Result<Vec<u8>, GpuError> {
+        let Staging { session, buffer, .. } = &self.staging;
+        session.check()?;
+        let failed = |what: String| GpuError::Failed { what: format!("{}: {what}", buffer.name()) };
+        mapped.map_err(|error| failed(error.to_string()))?;
+        let view = buffer.buffer.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
+        Ok(view[..buffer.byte_count() as usize].to_vec())
+    }
+}
+
+impl Session {
+    /// Bytes of a buffer, after everything that was submitted; `bytes` are multiples of 4.
+    ///
+    /// Errors: as [`ReadBack::collect`].
+    pub fn read(self: &Arc<Session>, buffer: &Buffer, bytes: Range<u64>) -> Result<Vec<u8>, GpuError> {
+        let mut batch = self.batch("read")?;
+        let read_back = batch.read_back(buffer, bytes)?;
+        batch.submit()?;
+        read_back.collect()
+    }
+
+    /// Waits until a submission is done, no longer than the options allow.
+    pub(super) fn wait_for(&self, index: &wgpu::SubmissionIndex, what: &str) -> Result<(), GpuError> {
+        self.check()?;
+        let submission_index = Some(index.clone());
+        let is_done = self.poll(wgpu::PollType::Wait { submission_index, timeout: Some(self.wait_max) })?;
+        self.check()?;
+        if is_done {
+            Ok(())
+        } else {
+            Err(GpuError::TimedOut { what: what.to_string(), seconds_max: self.wait_max.as_secs_f64() })
+        }
+    }
+}
