@@ -154,7 +154,7 @@ impl Instance {
 
     /// The ray in mesh space, relative to the mesh's centre; `t` keeps its meaning.
     #[inline(always)]
-    pub(super) fn ray_in_mesh(&self, ray: &Ray) -> Ray {
+    pub(crate) fn ray_in_mesh(&self, ray: &Ray) -> Ray {
         let from_centre = ray.origin - self.centre_in_render;
         if self.is_only_moved {
             Ray { origin: from_centre, ..*ray }

@@ -122,4 +122,6 @@ impl Accel {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) use upload::tests as upload_tests;
+#[cfg(test)]
+pub(crate) mod tests;

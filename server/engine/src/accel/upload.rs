@@ -50,7 +50,7 @@
 
 mod pack;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 #[cfg(test)]
 pub(crate) mod twin;
 

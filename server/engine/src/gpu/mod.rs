@@ -16,11 +16,14 @@ mod read_back;
 mod session;
 #[cfg(test)]
 pub(crate) mod tests;
+mod trees;
 
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReason, AdapterReport};
 pub use batch::{Batch, Submission};
 pub use buffer::{BindGroup, Binding, Buffer, Layout};
 pub use error::GpuError;
+pub use lumicast_shaders::{Constant, Part, Step};
 pub use pipeline::Pipeline;
 pub use read_back::ReadBack;
 pub use session::{Gpu, GpuOptions, Session};
+pub use trees::{GpuHit, GpuRay, GpuShadowRay, GpuTrees, Masks};

@@ -35,7 +35,7 @@ fn is_nightly() -> bool {
 }
 
 /// A small, well-known stream of numbers in [0, 1) [Steele2014, SplitMix64].
-pub(super) struct Numbers(pub(super) u64);
+pub(crate) struct Numbers(pub(crate) u64);
 
 impl Numbers {
     fn bits(&mut self) -> u64 {
@@ -46,7 +46,7 @@ impl Numbers {
         z ^ z >> 31
     }
 
-    pub(super) fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -58,13 +58,13 @@ impl Numbers {
         (self.bits() % count as u64) as usize
     }
 
-    pub(super) fn direction(&mut self) -> Vec3 {
+    pub(crate) fn direction(&mut self) -> Vec3 {
         let (z, phi) = (1.0 - 2.0 * self.next(), self.next() * std::f64::consts::TAU);
         let r = (1.0 - z * z).max(0.0).sqrt();
         Vec3::new((r * phi.cos()) as f32, (r * phi.sin()) as f32, z as f32)
     }
 
-    pub(super) fn point(&mut self, half_size: f64) -> DVec3 {
+    pub(crate) fn point(&mut self, half_size: f64) -> DVec3 {
         DVec3::new(self.next() - 0.5, self.next() - 0.5, self.next() - 0.5) * 2.0 * half_size
     }
 
@@ -80,7 +80,7 @@ impl Numbers {
     }
 }
 
-pub(super) fn stage_with_grey() -> (Stage, Id) {
+pub(crate) fn stage_with_grey() -> (Stage, Id) {
     let mut stage = Stage::default();
     let grey = stage.material("grey", Material::lambert(Rgb::splat(0.5))).unwrap();
     (stage, grey)

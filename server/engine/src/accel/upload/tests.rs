@@ -123,7 +123,7 @@ fn start_of(part: GpuPart) -> Result<u32, std::ops::Range<u32>> {
 }
 
 /// Six soups with slivers, turned, scaled, every other one mirrored.
-fn soups() -> Scene {
+pub(crate) fn soups() -> Scene {
     let mut numbers = Numbers(7);
     let (mut stage, grey) = stage_with_grey();
     for object in 0..6 {
@@ -145,7 +145,7 @@ fn soups() -> Scene {
 }
 
 /// Three meshes, thirty instances that overlap, which the top tree opens down to leaves; `scale` metres a unit.
-fn crowd(scale: f64, offset_m: f64) -> SceneBuilder {
+pub(crate) fn crowd(scale: f64, offset_m: f64) -> SceneBuilder {
     let mut numbers = Numbers(19);
     let (mut stage, grey) = stage_with_grey();
     let shown = [
@@ -178,7 +178,7 @@ fn crowd(scale: f64, offset_m: f64) -> SceneBuilder {
 
 /// How far f32 may be off in `t` at a hit: 3 roundings of each sum in the plane's equation, in units of the ray's
 /// direction, and as many of the corners' distances, between which `t` is held; see the bounds in [Higham2002, 3.1].
-fn t_tolerance(buffers: &AccelBuffers, accel: &Accel, ray: &Ray, hit: &Hit) -> f64 {
+pub(crate) fn t_tolerance(buffers: &AccelBuffers, accel: &Accel, ray: &Ray, hit: &Hit) -> f64 {
     let instance = &accel.instances()[hit.instance as usize];
     let range = buffers.meshes.iter().find(|mesh| mesh.mesh_id == *instance.mesh_id()).unwrap();
     let triangles = &buffers.triangles[range.triangle_base as usize..][..range.triangle_count as usize];
@@ -195,26 +195,41 @@ fn t_tolerance(buffers: &AccelBuffers, accel: &Accel, ray: &Ray, hit: &Hit) -> f
 
 /// What a comparison of the two walks found.
 #[derive(Debug, Default)]
-struct Agreement {
-    rays: usize,
-    hits: usize,
+pub(crate) struct Agreement {
+    pub(crate) rays: usize,
+    pub(crate) hits: usize,
     /// Another triangle as near as `t` can tell.
-    ties: usize,
+    pub(crate) ties: usize,
     /// Hit by one and missed by the other, or two triangles that are no tie.
-    disagreements: usize,
+    pub(crate) disagreements: usize,
     /// Largest difference in t, in tolerances.
-    worst: f64,
+    pub(crate) worst: f64,
     /// Largest difference in t, relative to t.
     worst_relative: f64,
 }
 
 fn compare<const FUSED: bool>(accel: &Accel, rays: impl Iterator<Item = Ray>) -> Agreement {
     let buffers = accel.upload();
+    let walked = rays.map(|ray| (ray, twin::closest_hit::<FUSED>(&buffers, &ray)));
+    let found = agreement(accel, &buffers, walked);
+    eprintln!(
+        "{found:?}, {:.1} bytes a triangle of {}",
+        buffers.bytes_per_triangle(),
+        buffers.triangles.len()
+    );
+    found
+}
+
+/// How far the hits of another walk, ray by ray, are those of the CPU.
+pub(crate) fn agreement(
+    accel: &Accel,
+    buffers: &AccelBuffers,
+    walked: impl Iterator<Item = (Ray, Option<Hit>)>,
+) -> Agreement {
     let mut found = Agreement::default();
-    for ray in rays {
+    for (ray, other) in walked {
         found.rays += 1;
-        let (ours, twin) = (accel.closest_hit(&ray, |_| true), twin::closest_hit::<FUSED>(&buffers, &ray));
-        let (ours, twin) = match (ours, twin) {
+        let (ours, twin) = match (accel.closest_hit(&ray, |_| true), other) {
             (None, None) => continue,
             (Some(ours), Some(twin)) => (ours, twin),
             _ => {
@@ -225,9 +240,9 @@ fn compare<const FUSED: bool>(accel: &Accel, rays: impl Iterator<Item = Ray>) ->
         found.hits += 1;
         let off = f64::from((ours.t - twin.t).abs());
         let is_same = (ours.instance, ours.triangle) == (twin.instance, twin.triangle);
-        let mut tolerance = t_tolerance(&buffers, accel, &ray, &ours);
+        let mut tolerance = t_tolerance(buffers, accel, &ray, &ours);
         if !is_same {
-            tolerance += t_tolerance(&buffers, accel, &ray, &twin);
+            tolerance += t_tolerance(buffers, accel, &ray, &twin);
             let is_tie = off <= tolerance;
             found.ties += usize::from(is_tie);
             found.disagreements += usize::from(!is_tie);
@@ -236,15 +251,10 @@ fn compare<const FUSED: bool>(accel: &Accel, rays: impl Iterator<Item = Ray>) ->
         found.worst = found.worst.max(off / tolerance);
         found.worst_relative = found.worst_relative.max(off / f64::from(ours.t));
     }
-    eprintln!(
-        "{found:?}, {:.1} bytes a triangle of {}",
-        buffers.bytes_per_triangle(),
-        buffers.triangles.len()
-    );
     found
 }
 
-fn rays(seed: u64, half_size: f64, count: usize) -> impl Iterator<Item = Ray> {
+pub(crate) fn rays(seed: u64, half_size: f64, count: usize) -> impl Iterator<Item = Ray> {
     let mut numbers = Numbers(seed);
     (0..count).map(move |_| Ray::new(numbers.point(half_size).as_vec3(), numbers.direction()))
 }
@@ -326,10 +336,8 @@ fn twin_meets_the_same_triangles_of_soup() {
     assert!(found.worst <= 1.0, "{found:?}");
 }
 
-/// … and of slivers of 10 m × 2 mm whose longest side faces an angle of nearly 180°, where f32 loses the normal: the
-/// distance is not off by more than on any other triangle.
-#[test]
-fn twin_meets_slivers_where_they_are() {
+/// Slivers of 10 m × 2 mm whose longest side faces an angle of nearly 180°, where f32 loses the normal.
+pub(crate) fn slivers() -> Scene {
     let mut numbers = Numbers(5);
     let (mut stage, grey) = stage_with_grey();
     let mut source = MeshSource::default();
@@ -342,7 +350,13 @@ fn twin_meets_slivers_where_they_are() {
     }
     source.primitives = vec![Primitive { first_triangle: 0, triangle_count: 4000, material: grey }];
     stage.place("slivers", source, DAffine3::IDENTITY).unwrap();
-    let found = compare::<false>(&Accel::build(&stage.finish()), rays(31, 6.0, 20_000));
+    stage.finish()
+}
+
+/// … and of slivers: the distance is not off by more than on any other triangle.
+#[test]
+fn twin_meets_slivers_where_they_are() {
+    let found = compare::<false>(&Accel::build(&slivers()), rays(31, 6.0, 20_000));
     assert!(found.hits > 500 && found.disagreements == 0 && found.ties <= 2, "{found:?}");
     assert!(found.worst <= 1.0, "{found:?}");
 }
