@@ -5,18 +5,39 @@
 //! Imports nothing: the engine takes texts from here and hands them to its graphics interface.
 
 mod accel;
+mod path;
 
 #[cfg(test)]
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
+pub use path::{PATH_BEGIN, PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN};
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
-pub static STEPS: &[&Step] = &[&CLOSEST, &OCCLUDED];
+pub static STEPS: &[&Step] = &[
+    &CLOSEST,
+    &OCCLUDED,
+    &PATH_BEGIN,
+    &PATH_CLOSEST,
+    &PATH_SHADE,
+    &PATH_SHADE_BY_OCTREE,
+    &PATH_TURN,
+    &PATH_OCCLUDED,
+];
 
 /// Constants with which the steps are proved: every name that a part expects to be prepended.
-pub static PROOF_CONSTANTS: &[(&str, Constant)] =
-    &[("STACK_SIZE", Constant::U32(32)), ("HAS_MASKS", Constant::Bool(true))];
+pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
+    ("STACK_SIZE", Constant::U32(32)),
+    ("HAS_MASKS", Constant::Bool(true)),
+    ("HAS_TEXTURES", Constant::Bool(true)),
+    ("HAS_GLASS", Constant::Bool(true)),
+    ("HAS_GLTF", Constant::Bool(true)),
+    ("HAS_SKY_PICTURE", Constant::Bool(true)),
+    ("HAS_SECONDARY", Constant::Bool(true)),
+    ("WORKGROUP", Constant::U32(64)),
+    ("SMOOTH_ALPHA", Constant::F32(1e-3)),
+    ("FLOAT_MAX", Constant::F32(f32::MAX)),
+];
 
 /// A file of WGSL, of which steps are made.
 #[derive(Debug)]

@@ -5,6 +5,7 @@
 
 mod alarm;
 mod arguments;
+mod backend;
 mod forecast;
 mod interrupt;
 mod progress;
@@ -34,6 +35,7 @@ use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_
 use alarm::Alarm;
 pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
 pub(super) use arguments::{parse_duration, parse_indirect};
+use backend::DrawnOn;
 use forecast::Outlook;
 use interrupt::Interrupt;
 use progress::Progress;
@@ -48,7 +50,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     check_arguments(&args, format)?;
     let loaded = args.scene.load()?;
     let job = Job::prepare(&args, &loaded, start)?;
-    let mut rendering = job.rendering();
+    let mut rendering = job.rendering()?;
     let outcome = job.render(&mut rendering)?;
     let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
     let picture = encode(&args, format, &rendering.picture(), &facts)?;
@@ -96,6 +98,7 @@ struct Job<'a> {
     bvh_seconds: f64,
     rule: StopRule,
     pool: rayon::ThreadPool,
+    drawn_on: DrawnOn,
     start: Instant,
     load_seconds: f64,
 }
@@ -132,13 +135,18 @@ impl<'a> Job<'a> {
             })?;
         let bvh_start = Instant::now();
         let world = Arc::new(pool.install(|| World::prepare(scene.clone())));
+        let bvh_seconds = bvh_start.elapsed().as_secs_f64();
+        let view = view.unwrap_or_else(|| scene.default_view());
+        let settings = settings_of(args);
+        let drawn_on = pool.install(|| DrawnOn::choose(args.backend, &world, (&view, size), &settings))?;
         Ok(Job {
             args,
             camera: camera.map(|(name, _)| name.to_string()),
-            view: view.unwrap_or_else(|| scene.default_view()),
+            view,
             size,
             world,
-            bvh_seconds: bvh_start.elapsed().as_secs_f64(),
+            bvh_seconds,
+            drawn_on,
             rule: StopRule::new(args.samples, args.time, args.error),
             pool,
             start,
@@ -146,9 +154,7 @@ impl<'a> Job<'a> {
         })
     }
 
-    fn rendering(&self) -> Rendering {
-        let RenderArgs { bounces, seed, effects, measuring, .. } = *self.args;
-        let indirect = self.args.technique();
+    fn rendering(&self) -> Result<Rendering, CliError> {
         let learning = match self.rule {
             // Bounded by time the picture depends on the clock in any case, and shows what it knows as soon as it can.
             StopRule { time: Some(time), .. } => {
@@ -158,20 +164,31 @@ impl<'a> Job<'a> {
             StopRule { samples: Some(_), .. } => Learning::First,
             StopRule { .. } => Learning::InStep,
         };
-        let settings = RenderSettings { indirect, bounces_max: bounces, seed, learning, effects, measuring };
+        let settings = RenderSettings { learning, ..settings_of(self.args) };
         let mut rendering = Rendering::new(self.world.clone(), self.view, self.size, settings);
+        self.drawn_on.take(&mut rendering)?;
         rendering.aim_at(self.rule.error);
-        rendering
+        Ok(rendering)
     }
 
-    /// Seconds of work: everything since the start but loading the scene.
+    /// Seconds of work: everything since the start but loading the scene and compiling shaders.
     fn seconds(&self) -> f64 {
-        self.start.elapsed().as_secs_f64() - self.load_seconds
+        self.start.elapsed().as_secs_f64() - self.beside_seconds()
+    }
+
+    /// Shaders are compiled when the first picture asks for them: in a trial, or in the first frame.
+    fn shader_seconds_in_frames(&self) -> f64 {
+        if self.args.backend == arguments::Backend::Gpu { self.drawn_on.shader_seconds() } else { 0.0 }
+    }
+
+    /// Seconds of what is reported beside the work.
+    fn beside_seconds(&self) -> f64 {
+        self.load_seconds + self.drawn_on.shader_seconds()
     }
 
     /// The moment at which [`Job::seconds`] will be `seconds`.
     fn moment(&self, seconds: f64) -> Option<Instant> {
-        self.start.checked_add(Duration::try_from_secs_f64(seconds + self.load_seconds).ok()?)
+        self.start.checked_add(Duration::try_from_secs_f64(seconds + self.beside_seconds()).ok()?)
     }
 
     fn render(&self, rendering: &mut Rendering) -> Result<Outcome, CliError> {
@@ -200,6 +217,11 @@ impl<'a> Job<'a> {
             }
             let step_start = Instant::now();
             self.pool.install(|| rendering.step(&cancel));
+            if let Some(error) = rendering.gpu_failure() {
+                // Who asked for the card is told that it does not do it; there may be a reason for the wish.
+                progress.finish();
+                return Err(backend::unusable(error));
+            }
             frame_seconds += step_start.elapsed().as_secs_f64();
             let seconds = self.seconds();
             outlook.look_if_due(rendering, seconds);
@@ -306,8 +328,8 @@ impl<'a> Job<'a> {
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
             technique: rendering.technique_name(&picture),
-            backend: "cpu",
-            adapter: None,
+            backend: if rendering.is_on_gpu() { "gpu" } else { "cpu" },
+            adapter: self.drawn_on.adapter().map(|report| report.name),
             threads: self.pool.current_num_threads(),
             seed: self.args.seed,
             samples_per_pixel: rendering.passes(),
@@ -324,8 +346,9 @@ impl<'a> Job<'a> {
                 octree: light.octree_seconds,
                 gather: records.seconds,
                 caustics: caustics.seconds,
-                frame: outcome.frame_seconds - learning - caustics.seconds,
-                total: outcome.seconds + self.load_seconds,
+                frame: outcome.frame_seconds - learning - caustics.seconds - self.shader_seconds_in_frames(),
+                shaders: self.drawn_on.shader_seconds(),
+                total: outcome.seconds + self.beside_seconds(),
                 ..Seconds::default()
             },
             counts: Counts {
@@ -351,14 +374,28 @@ impl<'a> Job<'a> {
                 records: records.bytes,
                 caustics: caustics.bytes,
                 film: rendering.film_bytes(),
+                gpu: self.drawn_on.bytes(),
             },
             effects: statistics::effects(&plan, self.args.technique(), self.args.bounces),
             not_run: not_run(
                 rendering.illumination().is_some(),
                 records.count > 0,
                 caustics.photons_emitted > 0,
+                rendering.is_on_gpu(),
             ),
         }
+    }
+}
+
+/// Settings that the arguments ask for, but for when it is drawn.
+fn settings_of(args: &RenderArgs) -> RenderSettings {
+    RenderSettings {
+        indirect: args.technique(),
+        bounces_max: args.bounces,
+        seed: args.seed,
+        effects: args.effects,
+        measuring: args.measuring,
+        ..RenderSettings::default()
     }
 }
 
@@ -368,8 +405,7 @@ fn core_count() -> usize {
 
 /// Refuses a film that the machine cannot hold, instead of being killed half way.
 fn check_memory(size: PictureSize, args: &RenderArgs, scene: &Scene) -> Result<(), CliError> {
-    let (indirect, bounces_max, effects) = (args.technique(), args.bounces, args.effects);
-    let settings = RenderSettings { indirect, bounces_max, effects, ..RenderSettings::default() };
+    let settings = settings_of(args);
     // Up to 100 bytes a pixel for pictures and layers on their way into a file.
     let on_the_way = 100 * size.pixel_count();
     let needed = (settings.picture_bytes(&EffectPlan::of(scene), size.pixel_count()) + on_the_way) as u64;

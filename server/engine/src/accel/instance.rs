@@ -121,7 +121,7 @@ impl Instance {
         self.mesh_from_render
     }
 
-    pub(super) fn centre_in_render(&self) -> Vec3 {
+    pub(crate) fn centre_in_render(&self) -> Vec3 {
         self.centre_in_render
     }
 
@@ -148,7 +148,7 @@ impl Instance {
 
     /// Directions of rays are the same in mesh space as in render space.
     #[inline(always)]
-    pub(super) fn is_only_moved(&self) -> bool {
+    pub(crate) fn is_only_moved(&self) -> bool {
         self.is_only_moved
     }
 
@@ -180,6 +180,23 @@ impl Instance {
     /// A normal of mesh space in render space (not normalised).
     pub fn normal_to_render(&self, n: Vec3) -> Vec3 {
         self.normal_from_mesh * n
+    }
+
+    /// What takes points of mesh space, seen from the mesh's centre, to render space, less [`Instance::centre_in_render`].
+    pub(crate) fn render_from_mesh(&self) -> Mat3 {
+        self.render_from_mesh
+    }
+
+    /// What [`Instance::normal_to_render`] multiplies by.
+    pub(crate) fn normal_from_mesh(&self) -> Mat3 {
+        self.normal_from_mesh
+    }
+
+    /// Unit normal of a triangle, in mesh space.
+    pub(crate) fn face_normal(&self, triangle: u32) -> Vec3 {
+        let [v0, v1, v2] =
+            self.mesh.triangles()[triangle as usize].map(|v| self.mesh.positions()[v as usize]);
+        triangle_normal(v0, v1, v2)
     }
 
     /// A vertex in render space.

@@ -5,6 +5,8 @@ use std::sync::{
     atomic::{AtomicU64, Ordering},
 };
 
+use bytemuck::Pod;
+
 use super::{GpuError, Session, session::locked};
 
 /// Bytes of a buffer that would be empty: bindings must not be, and 16 hold the largest scalar or vector.
@@ -112,6 +114,17 @@ impl Session {
         let buffer = self.buffer_zeroed(name, contents.len() as u64)?;
         self.write(&buffer, 0, contents)?;
         Ok(buffer)
+    }
+
+    /// A buffer that holds items, for an array of them; one of zeros, which nothing reads, where there are none: bindings hold
+    /// one at least.
+    ///
+    /// Errors: as [`Session::buffer`].
+    pub fn buffer_of<T: Pod>(&self, name: &str, items: &[T]) -> Result<Buffer, GpuError> {
+        if items.is_empty() {
+            return self.buffer_zeroed(name, size_of::<T>() as u64);
+        }
+        self.buffer(name, bytemuck::cast_slice(items))
     }
 
     /// A buffer of zeros. Steps may read, write and bind it as uniform, and dispatches take their size from it.

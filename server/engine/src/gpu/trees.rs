@@ -135,12 +135,12 @@ impl GpuTrees {
     pub fn new(session: &Session, trees: &AccelBuffers) -> Result<GpuTrees, GpuError> {
         let header = AccelHeader { top_reach: trees.top_reach, padding_0: 0, padding_1: 0, padding_2: 0 };
         Ok(GpuTrees {
-            top_nodes: buffer_of(session, "top nodes", &trees.top_nodes)?,
-            nodes: buffer_of(session, "nodes", &trees.nodes)?,
-            parts: buffer_of(session, "parts", &trees.parts)?,
-            instances: buffer_of(session, "instances", &trees.instances)?,
-            triangles: buffer_of(session, "triangles", &trees.triangles)?,
-            header: buffer_of(session, "header of the trees", &[header])?,
+            top_nodes: session.buffer_of("top nodes", &trees.top_nodes)?,
+            nodes: session.buffer_of("nodes", &trees.nodes)?,
+            parts: session.buffer_of("parts", &trees.parts)?,
+            instances: session.buffer_of("instances", &trees.instances)?,
+            triangles: session.buffer_of("triangles", &trees.triangles)?,
+            header: session.buffer_of("header of the trees", &[header])?,
             stack_size: stack_size_of(trees.stack_need),
         })
     }
@@ -181,12 +181,4 @@ pub enum Masks {
 
 fn stack_size_of(stack_need: usize) -> u32 {
     stack_need.max(1).next_multiple_of(STACK_STEP) as u32
-}
-
-/// Items on the device; one of zeros, which nothing reads, where there are none, as bindings hold one at least.
-fn buffer_of<T: Pod>(session: &Session, name: &str, items: &[T]) -> Result<Buffer, GpuError> {
-    if items.is_empty() {
-        return session.buffer_zeroed(name, size_of::<T>() as u64);
-    }
-    session.buffer(name, bytemuck::cast_slice(items))
 }

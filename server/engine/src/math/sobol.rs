@@ -72,6 +72,11 @@ const fn byte_sums() -> [[[u32; 4]; 256]; 4] {
     sums
 }
 
+/// What twins of [`point`] add up: `[byte position][byte value][dimension]`, for mirrored indices.
+pub fn mirrored_byte_sums() -> &'static [[[u32; 4]; 256]; 4] {
+    &BYTE_SUMS
+}
+
 /// The point of a mirrored index, mirrored.
 fn mirrored_sobol(mirrored_index: u32) -> [u32; 4] {
     let bytes = mirrored_index.to_le_bytes();
@@ -124,7 +129,13 @@ impl PixelSampler {
     /// The numbers of sample `index` of the sequence that (`seed`, `sequence`, `pixel`) names.
     pub fn new(seed: u64, sequence: u32, pixel_index: u32, index: u32) -> PixelSampler {
         let pixel = u64::from(pixel_index) << 32 | u64::from(sequence);
-        PixelSampler { key: mix(mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15)) ^ pixel), index }
+        PixelSampler { key: mix(PixelSampler::seed_key(seed) ^ pixel), index }
+    }
+
+    /// The key of (`seed`, `sequence`, pixel) before the sequence and the pixel go into it, and how they do:
+    /// `mix(seed_key(seed) ^ (pixel << 32 | sequence))`. For twins of [`PixelSampler::new`].
+    pub fn seed_key(seed: u64) -> u64 {
+        mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15))
     }
 
     /// Four numbers in [0, 1) of dimension set `set`.

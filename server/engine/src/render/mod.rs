@@ -7,6 +7,8 @@
 //! is, and `forecast.rs` when it will be better. Imports every room to its left; the server talks to this one.
 
 mod accuracy;
+#[cfg(feature = "gpu")]
+mod backend;
 mod chain;
 mod forecast;
 mod hidden;
@@ -33,9 +35,13 @@ use crate::{
     },
     transport::{PathClass, PathClasses, World},
 };
+#[cfg(feature = "gpu")]
+use crate::{gpu::GpuError, technique::path::GpuPathTracer};
 use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
+#[cfg(feature = "gpu")]
+pub use backend::{BackendTrial, CpuOnly, is_software};
 pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
@@ -168,6 +174,12 @@ pub struct Rendering {
     view: View,
     film: Film,
     technique: PathTracer,
+    /// What draws in its place on a graphics card.
+    #[cfg(feature = "gpu")]
+    gpu: Option<Box<GpuPathTracer>>,
+    /// Why nothing does any more.
+    #[cfg(feature = "gpu")]
+    gpu_failure: Option<GpuError>,
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
     /// What stands for them in the first pass.
@@ -262,6 +274,10 @@ impl Rendering {
             world,
             film: Film::new(size),
             technique: tracer(&settings, looked_up, learnt, known),
+            #[cfg(feature = "gpu")]
+            gpu: None,
+            #[cfg(feature = "gpu")]
+            gpu_failure: None,
             learnt,
             looked_up,
             caustics,
@@ -325,6 +341,11 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
+        #[cfg(feature = "gpu")]
+        if let Some(progress) = self.draw_on_gpu(cancel) {
+            self.looked_up_rays += progress.counts.all_rays();
+            return progress;
+        }
         let pass = pass_of(&self.film);
         let withdrawn = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
         if withdrawn.is_some() {

@@ -35,7 +35,7 @@ pub use limits::SceneLimits;
 pub use material::{Material, TextureSlot};
 pub use mesh::{Mesh, MeshSource, Primitive};
 pub use node::Node;
-pub use texture::{Encoding, Filter, Texels, Texture, TextureRef, Wrap};
+pub use texture::{Encoding, Filter, Texels, Texture, TextureRef, Wrap, linear_from_srgb};
 
 /// Something odd but usable that was met on the way in, shown by `lumicast info` and the viewer.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -105,6 +105,11 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
+/// Linear values of sRGB bytes: what [`Texture::texel`] looks up.
+pub fn linear_from_srgb() -> &'static [f32; 256] {
+    &LINEAR_FROM_SRGB
+}
+
 /// What the RGB bytes of a texture stand for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {

@@ -10,6 +10,7 @@ mod flight;
 mod light;
 mod path_class;
 mod surface;
+mod upload;
 mod world;
 
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
@@ -20,4 +21,8 @@ pub use light::{
 };
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
+pub use upload::{
+    GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse, WorldBuffers,
+    WorldFeatures,
+};
 pub use world::{ShadowRay, World, WorldReport};

@@ -83,6 +83,11 @@ impl PathClasses {
         PathClasses(self.0 & !(1 << class as u8))
     }
 
+    /// Bit c: the class whose number is c is among them.
+    pub fn bits(self) -> u32 {
+        u32::from(self.0)
+    }
+
     /// Those that are in both.
     pub fn and(self, other: PathClasses) -> PathClasses {
         PathClasses(self.0 & other.0)

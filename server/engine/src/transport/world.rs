@@ -112,6 +112,16 @@ impl World {
         }
     }
 
+    /// Every material, by the index that [`World::materials_of`] gives.
+    pub(in crate::transport) fn materials(&self) -> &[PreparedMaterial] {
+        &self.materials
+    }
+
+    /// The material of each primitive of an instance.
+    pub(in crate::transport) fn materials_of(&self, instance: usize) -> &[u32] {
+        &self.primitive_materials[instance]
+    }
+
     pub(in crate::transport) fn material_of(&self, hit: &Hit) -> &PreparedMaterial {
         &self.materials[self.primitive_materials[hit.instance as usize][self.primitive_of(hit)] as usize]
     }

@@ -78,7 +78,9 @@ pub(super) struct Seconds {
     pub(super) splat: f64,
     /// Sampling the picture.
     pub(super) frame: f64,
-    /// Everything from the start of the command, `load` included, to the finished picture in memory.
+    /// Compiling shaders.
+    pub(super) shaders: f64,
+    /// Everything from the start of the command, `load` and `shaders` included, to the finished picture in memory.
     pub(super) total: f64,
 }
 
@@ -137,6 +139,8 @@ pub(super) struct Bytes {
     pub(super) caustics: usize,
     /// Sums of samples.
     pub(super) film: usize,
+    /// All that is on the graphics card.
+    pub(super) gpu: u64,
 }
 
 /// One effect in the statistics.
@@ -155,6 +159,8 @@ const OF_RECORDS: [&str; 3] = ["seconds.gather", "counts.records", "bytes.record
 /// Keys of caustics.
 const OF_CAUSTICS: [&str; 4] =
     ["seconds.caustics", "counts.caustic_photons", "counts.caustic_photons_stored", "bytes.caustics"];
+/// Keys of graphics cards.
+const OF_THE_GPU: [&str; 2] = ["seconds.shaders", "bytes.gpu"];
 /// Keys of the octree and its photons.
 const OF_THE_OCTREE: [&str; 7] = [
     "seconds.photons",
@@ -167,11 +173,17 @@ const OF_THE_OCTREE: [&str; 7] = [
 ];
 
 /// Keys that are 0 because nothing of theirs ran.
-pub(super) fn not_run(has_photons: bool, has_records: bool, has_caustics: bool) -> Vec<&'static str> {
+pub(super) fn not_run(
+    has_photons: bool,
+    has_records: bool,
+    has_caustics: bool,
+    has_gpu: bool,
+) -> Vec<&'static str> {
     let octree: &[&str] = if has_photons { &[] } else { &OF_THE_OCTREE };
     let records: &[&str] = if has_records { &[] } else { &OF_RECORDS };
     let caustics: &[&str] = if has_caustics { &[] } else { &OF_CAUSTICS };
-    NOT_BUILT.iter().chain(octree).chain(records).chain(caustics).copied().collect()
+    let gpu: &[&str] = if has_gpu { &[] } else { &OF_THE_GPU };
+    NOT_BUILT.iter().chain(octree).chain(records).chain(caustics).chain(gpu).copied().collect()
 }
 
 /// The scene's plan as the options left it.
@@ -226,7 +238,7 @@ impl Statistics {
             self.size[0],
             self.size[1],
             self.samples_per_pixel,
-            self.seconds.total - self.seconds.load,
+            self.seconds.total - self.seconds.load - self.seconds.shaders,
             self.seconds.load,
             self.counts.rays as f64 / self.seconds.of_rays().max(1e-9) / 1e6,
             self.stopped_by,

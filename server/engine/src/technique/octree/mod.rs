@@ -16,6 +16,7 @@ mod cluster;
 mod harmonics;
 mod pack;
 mod tree;
+mod upload;
 mod voxels;
 
 use std::{
@@ -30,8 +31,8 @@ pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::Pac
 
 use self::{build::Building, cluster::Spread, tree::Nodes, voxels::Voxels};
 use super::{
-    Bias, Card, Counts, Edit, PhotonProduct, Progress, ScatteredLight, SecondaryLight, Step, Surfaces,
-    Technique,
+    Bias, Card, Counts, Edit, PackedLight, PhotonProduct, Progress, ScatteredLight, SecondaryLight, Step,
+    Surfaces, Technique,
 };
 use crate::{
     math::Rgb,
@@ -350,6 +351,10 @@ impl SecondaryLight for LightOctree {
 
     fn has_caustics(&self) -> bool {
         self.has_caustics
+    }
+
+    fn packed(&self) -> Option<PackedLight> {
+        self.packed_light()
     }
 
     fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {

@@ -17,7 +17,7 @@ const ROULETTE_FREE_BOUNCES: u32 = 2;
 /// from 64 samples). 0.998 ends a path that loses nothing after 500 bounces in the mean.
 const SURVIVAL_MAX: f32 = 0.998;
 /// A path ends here whatever it carries: one in 3,600 of those that lose nothing at all gets so far.
-const BOUNCES_END: u32 = 4096;
+pub(super) const BOUNCES_END: u32 = 4096;
 
 /// Near surfaces that are looked past, one from another, at most: in corners the next is near again.
 const NEAR_MAX: u32 = 3;

@@ -19,6 +19,8 @@
 mod closed_forms;
 mod cpu;
 mod gauge;
+#[cfg(feature = "gpu")]
+mod gpu;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -29,6 +31,8 @@ use glam::UVec2;
 use rayon::prelude::*;
 
 pub use gauge::{Gauge, SampleCost};
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuPathTracer, GpuScene};
 pub use view::View;
 
 use super::{

@@ -12,13 +12,13 @@ use crate::{
 /// A camera with a picture size, in render space.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
-    origin: Vec3,
-    right: Vec3,
-    up: Vec3,
-    back: Vec3,
+    pub(super) origin: Vec3,
+    pub(super) right: Vec3,
+    pub(super) up: Vec3,
+    pub(super) back: Vec3,
     /// Half the picture's width and height: at distance 1 (perspective) or in metres (orthographic).
-    half_size: [f32; 2],
-    is_perspective: bool,
+    pub(super) half_size: [f32; 2],
+    pub(super) is_perspective: bool,
     size: PictureSize,
 }
 

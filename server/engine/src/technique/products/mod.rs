@@ -3,6 +3,7 @@
 mod crease;
 mod extent;
 mod map;
+mod packed;
 mod patch;
 mod surfaces;
 
@@ -16,6 +17,7 @@ pub use self::{
         FACING_COS, FallenPhoton, Gather, GatherBounds, GatheredPhoton, MAPPED, MapPhoton, PhotonMaps,
         SideMap,
     },
+    packed::{GpuLightSet, GpuOctreeHeader, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
 };
@@ -54,6 +56,11 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
 
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
+
+    /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
+    fn packed(&self) -> Option<PackedLight> {
+        None
+    }
 }
 
 /// What a surface sends to the eye of light that only mirrors and glass sent on before, W/(m² sr).

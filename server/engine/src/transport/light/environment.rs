@@ -22,12 +22,12 @@ pub(in crate::transport) enum EnvironmentLight {
 /// An equirectangular picture with the running sums that choose a texel by its light.
 #[derive(Debug)]
 pub(in crate::transport) struct EnvironmentImage {
-    texture: Arc<Texture>,
-    scale: Rgb,
-    rotation_rad: f32,
+    pub(super) texture: Arc<Texture>,
+    pub(super) scale: Rgb,
+    pub(super) rotation_rad: f32,
     /// `[h]` running sums over rows, then `[h × w]` over the texels of each row; each ends in its total.
-    rows: Vec<f32>,
-    columns: Vec<f32>,
+    pub(super) rows: Vec<f32>,
+    pub(super) columns: Vec<f32>,
 }
 
 impl EnvironmentLight {

@@ -8,6 +8,7 @@ mod source;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod upload;
 
 use std::f32::consts::PI;
 

@@ -126,19 +126,19 @@ fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Node {
-    bounds: LightBounds,
+pub(super) struct Node {
+    pub(super) bounds: LightBounds,
     /// Inner: index of the second child (the first follows at once). Leaf: index of the light.
-    next: u32,
-    is_leaf: bool,
+    pub(super) next: u32,
+    pub(super) is_leaf: bool,
 }
 
 /// The tree. Light indices are the caller's.
 #[derive(Debug, Default)]
 pub(super) struct LightTree {
-    nodes: Vec<Node>,
+    pub(super) nodes: Vec<Node>,
     /// Way to each light from the root: bit k is the turn at depth k, 1 = second child.
-    trails: Vec<u64>,
+    pub(super) trails: Vec<u64>,
 }
 
 /// Depth below which splits halve the lights: 2⁻²⁴ of two billion lights leaves fewer than 40 levels more.

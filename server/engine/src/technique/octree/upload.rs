@@ -1,0 +1,46 @@
+//! The octree packed for the GPU.
+
+use super::{LightOctree, PackedVdl, Vdl};
+use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
+
+impl LightOctree {
+    /// The octree as look-ups on a graphics card read it; `None` of one that keeps harmonics.
+    pub(super) fn packed_light(&self) -> Option<PackedLight> {
+        if !self.harmonics.is_empty() {
+            return None;
+        }
+        let cube = &self.voxels.cube;
+        let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
+        let first_sets_at = words.len() as u32;
+        words.extend(&self.voxels.first_set);
+        let sets = self.sets.iter().map(|set| GpuLightSet {
+            normal: set.normal.into(),
+            plane_m: set.plane_m,
+            first_vdl: set.first_vdl[0],
+            first_caustic_vdl: set.first_vdl[1],
+            end_vdl: set.end_vdl,
+            reach: set.softness[0].reach,
+            caustic_reach: set.softness[1].reach,
+            padding_0: 0,
+            padding_1: 0,
+            padding_2: 0,
+        });
+        let packed = self.shaded.iter().map(|vdl| {
+            let packed = PackedVdl::pack(&Vdl { direction: vdl.direction, irradiance: vdl.scaled });
+            [packed.direction, packed.irradiance]
+        });
+        Some(PackedLight {
+            header: GpuOctreeHeader {
+                low: cube.low.into(),
+                cell_m: cube.cell_m(),
+                cells: cube.cells(),
+                depth: if self.nodes.children.is_empty() { 0 } else { cube.depth },
+                per_sheet_m2: self.per_sheet_m2,
+                first_sets_at,
+            },
+            words,
+            sets: sets.collect(),
+            vdls: packed.collect(),
+        })
+    }
+}

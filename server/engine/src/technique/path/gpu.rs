@@ -1,0 +1,670 @@
+//! The path tracer on a graphics card: a slice of the picture at a time, one scattering of all its paths after the other.
+//!
+//! Twin of `cpu.rs`: it draws the same numbers for the same pixel and pass and takes the same decisions, so that both
+//! backends add to one film. What differs is rounding (a card may fuse and reorder), which moves a few paths in ten thousand
+//! to another side of a decision.
+//!
+//! Steps (`shaders/path`), for a slice: `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths
+//! keep their place, one a pixel; queues hold the places of those that go on, so that later scatterings cost by what is
+//! left of them. How many are left is read now and then only: steps take their size from a buffer that `turn` writes.
+//!
+//! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
+//! [`BATCH_SECONDS`], and is halved and doubled as that changes.
+
+use std::{
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
+    time::Instant,
+};
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use lumicast_shaders::{
+    Constant, PATH_BEGIN, PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN,
+    Step as Shader,
+};
+use rayon::prelude::*;
+
+use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
+use crate::{
+    film::{Film, PixelSample},
+    gpu::{
+        AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
+        Session,
+    },
+    math::{Rgb, sobol::PixelSampler},
+    technique::{Canvas, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique},
+    transport::{PathClass, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
+};
+
+/// Invocations of a workgroup.
+const WORKGROUP: u32 = 64;
+/// Longest time that a batch of commands is to take: watchdogs bark after a second or two, and a cancelled picture waits for
+/// the batch that runs.
+const BATCH_SECONDS: f64 = 0.01;
+/// The same where the adapter is the CPU itself: no watchdog there, and small batches cost as much to begin as to run.
+const SOFTWARE_BATCH_SECONDS: f64 = 0.1;
+/// Fewest and most paths of a slice. 288 bytes each.
+const SLICE_MIN: u32 = 4096;
+const SLICE_MAX: u32 = 1 << 20;
+/// The same where the adapter is the CPU itself.
+const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
+/// Scatterings of the first batch of a slice, and most of a later one, which has ever fewer paths.
+const SCATTERINGS_FIRST: u32 = 4;
+const SCATTERINGS_MAX: u32 = 64;
+/// Devices that may be lost one after the other without a finished pass before it is given up.
+const LOSSES_MAX: u32 = 3;
+
+/// `PassHeader` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct GpuPassHeader {
+    origin: [f32; 3],
+    half_width: f32,
+    right: [f32; 3],
+    half_height: f32,
+    up: [f32; 3],
+    is_perspective: u32,
+    back: [f32; 3],
+    width: u32,
+    seed_key: [u32; 2],
+    sequence: u32,
+    index: u32,
+    height: u32,
+    first_pixel: u32,
+    path_count: u32,
+    capacity: u32,
+    traced: u32,
+    bounces_end: u32,
+    padding_0: u32,
+    padding_1: u32,
+}
+
+/// `PixelSample` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct GpuPixelSample {
+    emitted: [f32; 3],
+    depth_m: f32,
+    direct: [f32; 3],
+    albedo_red: f32,
+    caustic: [f32; 3],
+    albedo_green: f32,
+    indirect: [f32; 3],
+    albedo_blue: f32,
+    normal: [f32; 3],
+    padding_0: u32,
+}
+
+/// `Counters` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct GpuCounters {
+    parity: u32,
+    ray_count: u32,
+    next_ray_count: u32,
+    shadow_count: u32,
+    next_shadow_count: u32,
+    rays: u32,
+    shadow_rays: u32,
+    padding_0: u32,
+}
+
+/// Bytes of a path on the card, by buffer: state, hit, shadow ray, sample, places in three queues.
+const PATH_BYTES: u64 = 96;
+const HIT_BYTES: u64 = 20;
+const SHADOW_BYTES: u64 = 80;
+const SAMPLE_BYTES: u64 = size_of::<GpuPixelSample>() as u64;
+const QUEUES_BYTES: u64 = 12;
+const DISPATCH_BYTES: u64 = 32;
+/// Where the sizes of shadow rays begin in the buffer of sizes.
+const SHADOW_SIZES_AT: u64 = 12;
+
+/// A scene on a card.
+#[derive(Debug)]
+struct GpuWorld {
+    /// Kept for as long as the group that binds them.
+    _trees: GpuTrees,
+    trees_group: BindGroup,
+    trees_layout: Arc<Layout>,
+    /// Kept for as long as the group that binds them.
+    _buffers: Vec<Buffer>,
+    group: BindGroup,
+    layout: Arc<Layout>,
+    constants: Vec<(&'static str, Constant)>,
+}
+
+impl GpuWorld {
+    fn new(session: &Arc<Session>, world: &World) -> Result<GpuWorld, GpuError> {
+        let trees = GpuTrees::new(session, &world.accel().upload())?;
+        let packed: WorldBuffers = world.upload();
+        let buffers = vec![
+            session.buffer_of("scene header", &[packed.header])?,
+            session.buffer_of("placements", &packed.placements)?,
+            session.buffer_of("geometry", &packed.geometry)?,
+            session.buffer_of("materials", &packed.materials)?,
+            session.buffer_of("texels", &packed.texels)?,
+            session.buffer_of("tables", &packed.tables)?,
+            session.buffer_of("lights", &packed.lights)?,
+            session.buffer_of("light nodes", &packed.light_nodes)?,
+        ];
+        let layout = session.layout(&[
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+        ])?;
+        let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
+        let features = packed.features;
+        let mut constants = vec![
+            ("HAS_TEXTURES", Constant::Bool(features.has_textures)),
+            ("HAS_GLASS", Constant::Bool(features.has_glass)),
+            ("HAS_GLTF", Constant::Bool(features.has_gltf)),
+            ("HAS_SKY_PICTURE", Constant::Bool(features.has_sky_picture)),
+            ("WORKGROUP", Constant::U32(WORKGROUP)),
+            ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
+            ("FLOAT_MAX", Constant::F32(f32::MAX)),
+        ];
+        constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
+        let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
+        Ok(GpuWorld { _trees: trees, trees_group, trees_layout, _buffers: buffers, group, layout, constants })
+    }
+}
+
+impl GpuWorld {
+    fn constants_of_shade(&self, asks: bool) -> Vec<(&'static str, Constant)> {
+        let mut constants = self.constants.clone();
+        constants.push(("HAS_SECONDARY", Constant::Bool(asks)));
+        constants
+    }
+}
+
+/// What is known of a scene's light, on a card.
+#[derive(Debug)]
+struct LightOnCard {
+    known: Arc<dyn SecondaryLight>,
+    /// Kept for as long as the group that binds them.
+    _buffers: Vec<Buffer>,
+    group: BindGroup,
+    layout: Arc<Layout>,
+}
+
+impl LightOnCard {
+    fn new(session: &Arc<Session>, known: &Arc<dyn SecondaryLight>) -> Result<LightOnCard, GpuError> {
+        let Some(packed) = known.packed() else {
+            let what = format!("the light that {} knows is not packed for graphics cards", known.card().name);
+            return Err(GpuError::Failed { what });
+        };
+        let buffers = vec![
+            session.buffer_of("octree header", &[packed.header])?,
+            session.buffer_of("octree", &packed.words)?,
+            session.buffer_of("light sets", &packed.sets)?,
+            session.buffer_of("virtual lights", &packed.vdls)?,
+        ];
+        let layout = session.layout(&[Binding::Uniform, Binding::Read, Binding::Read, Binding::Read])?;
+        let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
+        Ok(LightOnCard { known: Arc::clone(known), _buffers: buffers, group, layout })
+    }
+}
+
+/// Places for the paths of a slice.
+#[derive(Debug)]
+struct Places {
+    header: Buffer,
+    samples: Buffer,
+    counters: Buffer,
+    /// Kept for as long as the group that binds them.
+    _others: Vec<Buffer>,
+    group: BindGroup,
+    layout: Arc<Layout>,
+    capacity: u32,
+}
+
+impl Places {
+    fn new(session: &Session, capacity: u32) -> Result<Places, GpuError> {
+        let count = u64::from(capacity);
+        let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
+        let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
+        let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
+        let shadows = session.buffer_zeroed("shadow rays", count * SHADOW_BYTES)?;
+        let samples = session.buffer_zeroed("samples", count * SAMPLE_BYTES)?;
+        let queues = session.buffer_zeroed("queues", count * QUEUES_BYTES)?;
+        let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
+        let layout = session.layout(&[
+            Binding::Uniform,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+        ])?;
+        let group =
+            session.bind(&layout, &[&header, &paths, &hits, &shadows, &samples, &queues, &counters])?;
+        let others = vec![paths, hits, shadows, queues];
+        Ok(Places { header, samples, counters, _others: others, group, layout, capacity })
+    }
+}
+
+/// Everything on one device that paths need.
+#[derive(Debug)]
+struct Ready {
+    session: Arc<Session>,
+    world: GpuWorld,
+    places: Places,
+    sizes: Buffer,
+    sizes_group: BindGroup,
+    begin: Arc<Pipeline>,
+    closest: Arc<Pipeline>,
+    shade: Arc<Pipeline>,
+    turn: Arc<Pipeline>,
+    occluded: Arc<Pipeline>,
+    /// What `shade` asks for light.
+    light: Option<LightOnCard>,
+    /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
+    shader_seconds: f64,
+}
+
+impl Ready {
+    fn new(session: Arc<Session>, world: &World, capacity: u32) -> Result<Ready, GpuError> {
+        let compiled = session.shader_seconds();
+        let world = GpuWorld::new(&session, world)?;
+        let places = Places::new(&session, capacity)?;
+        let sizes = session.buffer_zeroed("sizes", DISPATCH_BYTES)?;
+        let sizes_layout = session.layout(&[Binding::Write])?;
+        let sizes_group = session.bind(&sizes_layout, &[&sizes])?;
+        let layouts = [&*world.trees_layout, &*world.layout, &*places.layout];
+        let pipeline = |step: &'static Shader| session.pipeline(step, &world.constants, &layouts);
+        let shade = session.pipeline(&PATH_SHADE, &world.constants_of_shade(false), &layouts)?;
+        let turn_layouts = [&*world.trees_layout, &*world.layout, &*places.layout, &*sizes_layout];
+        let mut ready = Ready {
+            begin: pipeline(&PATH_BEGIN)?,
+            closest: pipeline(&PATH_CLOSEST)?,
+            shade,
+            occluded: pipeline(&PATH_OCCLUDED)?,
+            turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
+            places,
+            sizes,
+            sizes_group,
+            light: None,
+            world,
+            shader_seconds: session.shader_seconds() - compiled,
+            session,
+        };
+        ready.use_first()?;
+        Ok(ready)
+    }
+
+    /// Room for slices of so many paths, if there is less.
+    fn make_room(&mut self, capacity: u32) -> Result<(), GpuError> {
+        if self.places.capacity < capacity {
+            self.places = Places::new(&self.session, capacity)?;
+        }
+        Ok(())
+    }
+
+    /// Some drivers compile at first use: that is waiting for shaders, not drawing.
+    fn use_first(&mut self) -> Result<(), GpuError> {
+        let start = Instant::now();
+        self.trace(&GpuPassHeader::zeroed(), 0, 1)?;
+        self.shader_seconds += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Asks `known` for light from now on, or nobody.
+    fn ask(&mut self, known: Option<&Arc<dyn SecondaryLight>>) -> Result<(), GpuError> {
+        let before = self.light.as_ref().map(|light| &light.known);
+        if before.zip(known).map_or(before.is_none() && known.is_none(), |(a, b)| Arc::ptr_eq(a, b)) {
+            return Ok(());
+        }
+        let asked_before = self.light.is_some();
+        // The old light makes room first.
+        self.light = None;
+        self.light = known.map(|known| LightOnCard::new(&self.session, known)).transpose()?;
+        if asked_before == self.light.is_some() {
+            return Ok(());
+        }
+        let compiled = self.session.shader_seconds();
+        let mut layouts = vec![&*self.world.trees_layout, &*self.world.layout, &*self.places.layout];
+        let constants = self.world.constants_of_shade(self.light.is_some());
+        self.shade = match &self.light {
+            None => self.session.pipeline(&PATH_SHADE, &constants, &layouts)?,
+            Some(light) => {
+                layouts.push(&light.layout);
+                self.session.pipeline(&PATH_SHADE_BY_OCTREE, &constants, &layouts)?
+            }
+        };
+        self.shader_seconds += self.session.shader_seconds() - compiled;
+        self.use_first()
+    }
+
+    /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
+    /// to do, and the samples so far.
+    fn trace(
+        &self,
+        header: &GpuPassHeader,
+        done: u32,
+        scatterings: u32,
+    ) -> Result<(GpuCounters, crate::gpu::ReadBack), GpuError> {
+        let mut batch = self.session.batch("paths")?;
+        let groups = [&self.world.trees_group, &self.world.group, &self.places.group];
+        let mut shade_groups = groups.to_vec();
+        shade_groups.extend(self.light.as_ref().map(|light| &light.group));
+        if done == 0 {
+            self.session.write(&self.places.header, 0, bytemuck::bytes_of(header))?;
+            let all = [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1];
+            batch.dispatch(&self.begin, &groups, all)?;
+            batch.dispatch(&self.closest, &groups, all)?;
+            batch.dispatch(&self.shade, &shade_groups, all)?;
+            self.turn(&mut batch, &groups)?;
+        }
+        for _ in u32::from(done == 0)..scatterings {
+            batch.dispatch_indirect(&self.closest, &groups, &self.sizes, 0)?;
+            batch.dispatch_indirect(&self.shade, &shade_groups, &self.sizes, 0)?;
+            self.turn(&mut batch, &groups)?;
+        }
+        let counters = batch.read_back(&self.places.counters, 0..size_of::<GpuCounters>() as u64)?;
+        let samples =
+            batch.read_back(&self.places.samples, 0..u64::from(header.path_count) * SAMPLE_BYTES)?;
+        batch.submit()?;
+        let counters = bytemuck::pod_read_unaligned(&counters.collect()?);
+        Ok((counters, samples))
+    }
+
+    /// A slice until its last path has ended.
+    fn trace_all(&self, header: &GpuPassHeader) -> Result<Slice, GpuError> {
+        let start = Instant::now();
+        let mut scatterings = SCATTERINGS_FIRST;
+        let (mut counters, mut samples) = self.trace(header, 0, scatterings)?;
+        let first_seconds = start.elapsed().as_secs_f64();
+        while counters.ray_count > 0 {
+            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
+            (counters, samples) = self.trace(header, 1, scatterings)?;
+        }
+        let counts = Counts {
+            rays: u64::from(counters.rays),
+            shadow_rays: u64::from(counters.shadow_rays),
+            paths: u64::from(header.path_count),
+        };
+        Ok(Slice { samples: samples.collect()?, counts, first_seconds })
+    }
+
+    /// The shadow rays of a scattering, once it is known how many there are.
+    fn turn(&self, batch: &mut Batch, groups: &[&BindGroup; 3]) -> Result<(), GpuError> {
+        let [trees, world, state] = *groups;
+        batch.dispatch(&self.turn, &[trees, world, state, &self.sizes_group], [1, 1, 1])?;
+        batch.dispatch_indirect(&self.occluded, groups, &self.sizes, SHADOW_SIZES_AT)
+    }
+}
+
+/// What a slice brought.
+struct Slice {
+    /// [`GpuPixelSample`]s.
+    samples: Vec<u8>,
+    counts: Counts,
+    /// Of its first batch, the longest.
+    first_seconds: f64,
+}
+
+/// A scene on a card, with places for paths: pictures of it share both, one slice at a time.
+///
+/// Nothing is uploaded before a picture draws, and all is uploaded again where the device was lost.
+#[derive(Debug)]
+pub struct GpuScene {
+    gpu: Arc<Gpu>,
+    world: Arc<World>,
+    ready: Mutex<Option<Ready>>,
+}
+
+impl GpuScene {
+    /// Of a world as it is.
+    pub fn new(gpu: Arc<Gpu>, world: Arc<World>) -> GpuScene {
+        GpuScene { gpu, world, ready: Mutex::default() }
+    }
+
+    /// The world.
+    pub fn world(&self) -> &Arc<World> {
+        &self.world
+    }
+
+    /// The card.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// Bytes on the card, of all scenes.
+    pub fn bytes(&self) -> u64 {
+        locked(&self.ready).as_ref().map_or(0, |ready| ready.session.bytes_held())
+    }
+
+    /// Seconds that compiling shaders took, for pictures that are drawn by now.
+    pub fn shader_seconds(&self) -> f64 {
+        locked(&self.ready).as_ref().map_or(0.0, |ready| ready.shader_seconds)
+    }
+
+    fn is_software(&self) -> bool {
+        self.gpu.report().kind == AdapterKind::Software
+    }
+
+    /// Runs `work` with all that is needed, on a device that works.
+    fn with_ready<T>(
+        &self,
+        pixel_count: usize,
+        known: Option<&Arc<dyn SecondaryLight>>,
+        work: impl FnOnce(&Ready) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        let most = if self.is_software() { SOFTWARE_SLICE_MAX } else { SLICE_MAX };
+        let capacity = u32::try_from(pixel_count).unwrap_or(u32::MAX).clamp(1, most);
+        let mut held = locked(&self.ready);
+        if held.as_ref().is_some_and(|ready| ready.session.check().is_err()) {
+            *held = None;
+        }
+        let ready = match &mut *held {
+            Some(ready) => ready,
+            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, capacity)?),
+        };
+        ready.make_room(capacity)?;
+        ready.ask(known)?;
+        work(ready)
+    }
+}
+
+/// What a lock holds: whole values, whatever became of the thread that held it.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A pass that was begun.
+#[derive(Debug)]
+struct Begun {
+    header: GpuPassHeader,
+    pass: u32,
+    /// Of the pixels so far, in rows.
+    samples: Vec<GpuPixelSample>,
+}
+
+/// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] that is [packed](SecondaryLight::packed) for it.
+///
+/// After an error it draws nothing more and says why: [`GpuPathTracer::failure`]. The film is then as valid as before, and the
+/// CPU goes on with the same samples.
+#[derive(Debug)]
+pub struct GpuPathTracer {
+    scene: Arc<GpuScene>,
+    settings: PathSettings,
+    secondary: Option<Arc<dyn SecondaryLight>>,
+    begun: Option<Begun>,
+    /// Paths of the next slice.
+    slice: u32,
+    losses: u32,
+    failure: Option<GpuError>,
+}
+
+impl GpuPathTracer {
+    /// Pictures of a scene; steps are to be of the same world.
+    pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
+        GpuPathTracer {
+            scene,
+            settings,
+            secondary: None,
+            begun: None,
+            slice: SLICE_MIN,
+            losses: 0,
+            failure: None,
+        }
+    }
+
+    /// Draws what `tracer` would from now on; maps of caustics excepted.
+    pub fn draw_as(&mut self, tracer: &PathTracer) {
+        let is_same = match (&self.secondary, &tracer.secondary) {
+            (None, None) => true,
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            _ => false,
+        };
+        if self.settings != tracer.settings || !is_same {
+            self.settings = tracer.settings;
+            self.secondary.clone_from(&tracer.secondary);
+            self.begun = None;
+        }
+    }
+
+    /// Why it draws nothing more.
+    pub fn failure(&self) -> Option<&GpuError> {
+        self.failure.as_ref()
+    }
+
+    /// The scene that it draws.
+    pub fn scene(&self) -> &Arc<GpuScene> {
+        &self.scene
+    }
+
+    /// Samples of the next slice of a pass, and the work they took.
+    fn trace_slice(&mut self, begun: &mut Begun, pixel_count: usize) -> Result<Counts, GpuError> {
+        let first_pixel = begun.samples.len() as u32;
+        let wanted = self.slice.min(pixel_count as u32 - first_pixel);
+        let slice = self.scene.with_ready(pixel_count, self.secondary.as_ref(), |ready| {
+            let capacity = ready.places.capacity;
+            let path_count = wanted.min(capacity);
+            ready.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
+        })?;
+        begun.samples.extend(
+            slice
+                .samples
+                .chunks_exact(SAMPLE_BYTES as usize)
+                .map(bytemuck::pod_read_unaligned::<GpuPixelSample>),
+        );
+        let is_software = self.scene.is_software();
+        let seconds_max = if is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
+        let most = if is_software { SOFTWARE_SLICE_MAX } else { SLICE_MAX };
+        if slice.first_seconds > seconds_max {
+            self.slice = (self.slice / 2).max(SLICE_MIN);
+        } else if slice.first_seconds < seconds_max / 3.0 && wanted == self.slice {
+            self.slice = (self.slice * 2).min(most);
+        }
+        Ok(slice.counts)
+    }
+
+    /// The whole pass, or as far as it came.
+    fn trace_pass(&mut self, step: &mut Step<'_>) -> Result<Progress, GpuError> {
+        let mut progress = Progress { complete: true, ..Progress::default() };
+        let Some(Canvas { view, film }) = &mut step.canvas else { return Ok(progress) };
+        let pass = film.passes_min();
+        let pixel_count = film.size().pixel_count();
+        let header = self.header_of(view, film, pass);
+        let of_this = |begun: &Begun| begun.header == header && begun.pass == pass;
+        let mut begun = self.begun.take().filter(of_this).unwrap_or_else(|| Begun {
+            header,
+            pass,
+            samples: Vec::with_capacity(pixel_count),
+        });
+        while begun.samples.len() < pixel_count {
+            if step.cancel.load(Ordering::Relaxed) {
+                self.begun = Some(begun);
+                return Ok(Progress { complete: false, ..progress });
+            }
+            progress.counts += self.trace_slice(&mut begun, pixel_count)?;
+        }
+        self.add_to(film, &begun.samples);
+        self.losses = 0;
+        Ok(progress)
+    }
+
+    fn header_of(&self, view: &View, film: &Film, pass: u32) -> GpuPassHeader {
+        let seed_key = PixelSampler::seed_key(self.settings.seed);
+        GpuPassHeader {
+            origin: view.origin.into(),
+            half_width: view.half_size[0],
+            right: view.right.into(),
+            half_height: view.half_size[1],
+            up: view.up.into(),
+            is_perspective: u32::from(view.is_perspective),
+            back: view.back.into(),
+            width: film.size().width(),
+            seed_key: [seed_key as u32, (seed_key >> 32) as u32],
+            // As on the CPU: even and odd passes draw from sequences of their own.
+            sequence: pass & 1,
+            index: pass >> 1,
+            height: film.size().height(),
+            traced: self.settings.traced.bits(),
+            bounces_end: self.settings.bounces_max.unwrap_or(BOUNCES_END),
+            ..GpuPassHeader::zeroed()
+        }
+    }
+
+    fn add_to(&self, film: &mut Film, samples: &[GpuPixelSample]) {
+        let width = film.size().width() as usize;
+        let [least, most] = [film.passes_min(), film.passes_max()];
+        let shown = self.settings.shown;
+        film.tiles_mut().par_iter_mut().filter(|tile| least == most || tile.passes() < most).for_each(
+            |tile| {
+                tile.add_pass(|x, y| {
+                    let mut sample = sample_of(&samples[y as usize * width + x as usize]);
+                    for class in PathClass::ALL.into_iter().filter(|class| !shown.contains(*class)) {
+                        sample.radiance[class as usize] = Rgb::BLACK;
+                    }
+                    sample
+                });
+            },
+        );
+    }
+}
+
+fn sample_of(packed: &GpuPixelSample) -> PixelSample {
+    PixelSample {
+        radiance: [packed.emitted, packed.direct, packed.caustic, packed.indirect].map(Rgb::from),
+        albedo: Rgb::new(packed.albedo_red, packed.albedo_green, packed.albedo_blue),
+        normal: Vec3::from(packed.normal),
+        depth_m: packed.depth_m,
+    }
+}
+
+impl Technique for GpuPathTracer {
+    fn card(&self) -> &'static Card {
+        self.secondary.as_ref().map_or(&CARD, |secondary| secondary.card())
+    }
+
+    fn step(&mut self, step: &mut Step<'_>) -> Progress {
+        if self.failure.is_some() {
+            return Progress::default();
+        }
+        match self.trace_pass(step) {
+            Ok(progress) => progress,
+            // The next step opens another device and uploads again.
+            Err(GpuError::Lost) if self.losses < LOSSES_MAX => {
+                self.losses += 1;
+                Progress::default()
+            }
+            Err(error) => {
+                self.failure = Some(error);
+                Progress::default()
+            }
+        }
+    }
+
+    fn apply(&mut self, _edit: &Edit<'_>) {
+        // Another world is another scene on the card.
+        self.begun = None;
+    }
+}

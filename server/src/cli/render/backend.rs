@@ -1,0 +1,117 @@
+//! `--backend`: what draws, and why.
+
+use std::sync::Arc;
+
+use lumicast_engine::{
+    film::PictureSize,
+    gpu::{AdapterChoice, AdapterReport, Gpu},
+    render::{BackendTrial, RenderSettings, Rendering},
+    scene::CameraView,
+    technique::path::GpuScene,
+    transport::World,
+};
+
+use super::{CliError, arguments::Backend};
+
+/// What draws a picture.
+pub(super) enum DrawnOn {
+    /// The CPU.
+    Cpu,
+    /// A graphics card.
+    Gpu(Arc<GpuScene>),
+}
+
+impl DrawnOn {
+    /// As `--backend` asks for; what was chosen, and why, goes to standard error.
+    pub(super) fn choose(
+        backend: Backend,
+        world: &Arc<World>,
+        (view, size): (&CameraView, PictureSize),
+        settings: &RenderSettings,
+    ) -> Result<DrawnOn, CliError> {
+        match backend {
+            Backend::Cpu => Ok(DrawnOn::Cpu),
+            Backend::Gpu => {
+                settings
+                    .draws_on_gpu()
+                    .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
+                // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
+                let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
+                eprintln!("drawing on {}", described(&gpu.report()));
+                Ok(DrawnOn::Gpu(Arc::new(GpuScene::new(Arc::new(gpu), world.clone()))))
+            }
+            Backend::Auto => Ok(DrawnOn::tried(world, (view, size), settings)),
+        }
+    }
+
+    /// The faster one, found by drawing a little on each. Where no card is there nothing is said: that is how most servers are.
+    fn tried(
+        world: &Arc<World>,
+        (view, size): (&CameraView, PictureSize),
+        settings: &RenderSettings,
+    ) -> DrawnOn {
+        if settings.draws_on_gpu().is_err() {
+            return DrawnOn::Cpu;
+        }
+        let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
+        let name = described(&gpu.report());
+        let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
+        match BackendTrial::run(&scene, view, size, settings) {
+            Ok(trial) => {
+                let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
+                let took = format!("a small picture takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                if trial.gpu_is_faster() {
+                    eprintln!("drawing on {name}: {took}");
+                    return DrawnOn::Gpu(scene);
+                }
+                eprintln!("drawing on the CPU, not on {name}: {took}");
+            }
+            Err(error) => eprintln!("drawing on the CPU, not on {name}: {error}"),
+        }
+        DrawnOn::Cpu
+    }
+
+    /// Takes the picture there.
+    pub(super) fn take(&self, rendering: &mut Rendering) -> Result<(), CliError> {
+        match self {
+            DrawnOn::Cpu => Ok(()),
+            DrawnOn::Gpu(scene) => rendering
+                .draw_on(scene.clone())
+                .map_err(|error| CliError::Usage(format!("--backend gpu: {error}"))),
+        }
+    }
+
+    /// The card.
+    pub(super) fn adapter(&self) -> Option<AdapterReport> {
+        match self {
+            DrawnOn::Cpu => None,
+            DrawnOn::Gpu(scene) => Some(scene.gpu().report()),
+        }
+    }
+
+    /// Seconds of compiling shaders.
+    pub(super) fn shader_seconds(&self) -> f64 {
+        match self {
+            DrawnOn::Cpu => 0.0,
+            DrawnOn::Gpu(scene) => scene.shader_seconds(),
+        }
+    }
+
+    /// Bytes on the card.
+    pub(super) fn bytes(&self) -> u64 {
+        match self {
+            DrawnOn::Cpu => 0,
+            DrawnOn::Gpu(scene) => scene.bytes(),
+        }
+    }
+}
+
+/// A card that cannot be used.
+pub(super) fn unusable(error: &lumicast_engine::gpu::GpuError) -> CliError {
+    CliError::System { doing: "--backend gpu".into(), source: std::io::Error::other(error.to_string()) }
+}
+
+/// Name, kind and driver.
+fn described(report: &AdapterReport) -> String {
+    format!("{} ({}, {})", report.name, report.kind, report.api)
+}

@@ -1,0 +1,183 @@
+// What the light octree knows of the light that falls on a surface: `technique/octree/mod.rs`, `LightOctree::scattered`,
+// of `technique/octree/upload.rs`'s words.
+
+struct OctreeHeader {
+    low: vec3f,
+    cell_m: f32,
+    /// Cells along a side.
+    cells: u32,
+    /// Halvings; 0: nothing is known.
+    depth: u32,
+    per_sheet_m2: f32,
+    /// First word of the first group of each cell, behind the nodes.
+    first_sets_at: u32,
+}
+
+/// The light of the surfaces of a cell that face about one way.
+struct LightSet {
+    normal: vec3f,
+    plane_m: f32,
+    first_vdl: u32,
+    first_caustic_vdl: u32,
+    end_vdl: u32,
+    /// How gently the lights' cosine ends below the horizon.
+    reach: f32,
+    caustic_reach: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
+}
+
+@group(3) @binding(0) var<uniform> octree: OctreeHeader;
+/// Eight words a node, then the first group of each cell and the end.
+@group(3) @binding(1) var<storage, read> octree_words: array<u32>;
+@group(3) @binding(2) var<storage, read> light_sets: array<LightSet>;
+/// Direction and what the light brings over its softened cosine with its group, as `octree/pack.rs` packs them.
+@group(3) @binding(3) var<storage, read> vdls: array<vec2u>;
+
+const NO_CELL: u32 = 0xffffffffu;
+const CELL_IS_LEAF: u32 = 0x80000000u;
+/// Cosine of the angle between a surface and a group from which on they are lit alike.
+const LIKE_COS: f32 = 0.3;
+
+struct ScatteredLight {
+    indirect: vec3f,
+    caustic: vec3f,
+}
+
+fn octahedral_fold(square: vec2f) -> vec2f {
+    return (1.0 - abs(square.yx)) * vec2f(copysign(1.0, square.x), copysign(1.0, square.y));
+}
+
+/// `math/octahedral.rs`.
+fn octahedral_decode(code: u32) -> vec3f {
+    let square = vec2f(f32(i32(code << 16u) >> 16u), f32(i32(code) >> 16u)) / 32767.0;
+    let z = 1.0 - abs(square.x) - abs(square.y);
+    return normalize(vec3f(select(square, octahedral_fold(square), z < 0.0), z));
+}
+
+/// `octree/pack.rs`: 8, 9, 8 bits of fractions of a power of two, 7 bits of exponent.
+fn vdl_irradiance(word: u32) -> vec3f {
+    let step = bitcast<f32>(((word >> 25u) + 63u) << 23u);
+    let codes = vec3f(f32(word & 0xffu), f32((word >> 8u) & 0x1ffu), f32((word >> 17u) & 0xffu));
+    return codes / vec3f(256.0, 512.0, 256.0) * step;
+}
+
+/// The mean of max(cos, 0) over a light's photons, about.
+fn softened(cosine: f32, reach: f32) -> f32 {
+    let above = max(cosine + reach, 0.0);
+    return select(above * above * (0.25 / reach), cosine, cosine > reach);
+}
+
+/// The leaf of a cell; `NO_CELL` where there is no surface.
+fn leaf_of(cell: vec3u) -> u32 {
+    var node = 0u;
+    var height = octree.depth;
+    while height > 0u {
+        height -= 1u;
+        let octant = ((cell.x >> height) & 1u) | (((cell.y >> height) & 1u) << 1u) | (((cell.z >> height) & 1u) << 2u);
+        let child = octree_words[8u * node + octant];
+        if child == NO_CELL {
+            return NO_CELL;
+        }
+        node = child;
+    }
+    return node & ~CELL_IS_LEAF;
+}
+
+struct LikeSet {
+    /// `NO_CELL`: none faces about like it.
+    index: u32,
+    share: f32,
+}
+
+fn set_like(leaf: u32, p: vec3f, n: vec3f) -> LikeSet {
+    var best = LikeSet(NO_CELL, 0.0);
+    var best_score = -1e30;
+    let end = octree_words[octree.first_sets_at + leaf + 1u];
+    for (var place = octree_words[octree.first_sets_at + leaf]; place < end; place++) {
+        let cosine = dot(light_sets[place].normal, n);
+        if cosine <= LIKE_COS {
+            continue;
+        }
+        let off_m = dot(light_sets[place].normal, p) - light_sets[place].plane_m;
+        let squared = min(off_m * off_m * octree.per_sheet_m2, 1e15);
+        if cosine - squared > best_score {
+            best_score = cosine - squared;
+            best = LikeSet(place, 1.0 / (1.0 + squared * squared));
+        }
+    }
+    return best;
+}
+
+/// What the diffuse lobe sends to the eye of the lights `first..end`.
+fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: u32, reach: f32) -> vec3f {
+    var sum = vec3f(0.0);
+    for (var index = first; index < end; index++) {
+        let direction = octahedral_decode(vdls[index].x);
+        let scaled = vdl_irradiance(vdls[index].y);
+        let cosine = softened(dot(n_shade, direction), reach);
+        if surface.bsdf.kind == LAMBERT {
+            sum += surface.bsdf.color * scaled * (INVERSE_PI * cosine);
+            continue;
+        }
+        if !(cosine > 0.0) {
+            continue;
+        }
+        // From where the light's photons that do arrive come on average: never below the horizon.
+        let local = frame_to_local(surface.frame, direction);
+        let wi = normalize(vec3f(local.xy, copysign(cosine, wo_local.z)));
+        sum += eval_bsdf(surface.bsdf, wo_local, wi).diffuse.f_cos * scaled * (cosine / abs(wi.z));
+    }
+    return sum;
+}
+
+fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
+    var light = ScatteredLight(vec3f(0.0), vec3f(0.0));
+    if octree.depth == 0u {
+        return light;
+    }
+    let n_geo = surface.point.n_geo;
+    let n_facing = select(n_geo, -n_geo, dot(wo, n_geo) < 0.0);
+    let n_shade = select(surface.frame.n, -surface.frame.n, dot(wo, surface.frame.n) < 0.0);
+    let wo_local = frame_to_local(surface.frame, wo);
+    let cells = i32(octree.cells);
+    let p = surface.point.position;
+    let place = clamp((p - octree.low) / octree.cell_m - 0.5, vec3f(-4.0), vec3f(f32(cells) + 4.0));
+    let base = floor(place);
+    let fraction = place - base;
+    var total = 0.0;
+    for (var corner = 0; corner < 8; corner++) {
+        let offset = vec3i(corner & 1, (corner >> 1u) & 1, corner >> 2u);
+        let share = select(1.0 - fraction, fraction, offset == vec3i(1));
+        let cell = vec3i(base) + offset;
+        var weight = share.x * share.y * share.z;
+        if weight <= 0.0 || any(cell < vec3i(0)) || any(cell >= vec3i(cells)) {
+            continue;
+        }
+        let leaf = leaf_of(vec3u(cell));
+        if leaf == NO_CELL {
+            continue;
+        }
+        let like = set_like(leaf, p, n_facing);
+        if like.index == NO_CELL {
+            continue;
+        }
+        weight *= like.share;
+        total += weight;
+        let first = light_sets[like.index].first_vdl;
+        let first_caustic = light_sets[like.index].first_caustic_vdl;
+        let end = light_sets[like.index].end_vdl;
+        let reach = light_sets[like.index].reach;
+        light.indirect += response(surface, wo_local, n_shade, first, first_caustic, reach) * weight;
+        if first_caustic < end {
+            let caustic_reach = light_sets[like.index].caustic_reach;
+            light.caustic += response(surface, wo_local, n_shade, first_caustic, end, caustic_reach) * weight;
+        }
+    }
+    if total > 0.0 {
+        light.indirect /= total;
+        light.caustic /= total;
+    }
+    return light;
+}

@@ -1,0 +1,45 @@
+// Begins a path for every pixel of the slice: `cpu.rs`, `primary_ray` and `sample_pixel`.
+
+@compute @workgroup_size(WORKGROUP)
+fn begin(@builtin(global_invocation_id) id: vec3u) {
+    let slot = id.x;
+    if slot == 0u {
+        counters.parity = 0u;
+        counters.ray_count = pass_header.path_count;
+        atomicStore(&counters.next_ray_count, 0u);
+        counters.shadow_count = 0u;
+        atomicStore(&counters.next_shadow_count, 0u);
+        counters.rays = 0u;
+        counters.shadow_rays = 0u;
+    }
+    if slot >= pass_header.path_count {
+        return;
+    }
+    let pixel = pass_header.first_pixel + slot;
+    let key = mix64(pass_header.seed_key ^ vec2u(pass_header.sequence, pixel));
+    let u = four(PixelSampler(key, pass_header.index), 0u);
+    let x = f32(pixel % pass_header.width) + u.x;
+    let y = f32(pixel / pass_header.width) + u.y;
+    let across = (2.0 * x / f32(pass_header.width) - 1.0) * pass_header.half_width;
+    let upwards = (1.0 - 2.0 * y / f32(pass_header.height)) * pass_header.half_height;
+    let offset = pass_header.right * across + pass_header.up * upwards;
+    var path: Path;
+    path.origin = pass_header.origin;
+    path.direction = normalize(offset - pass_header.back);
+    if pass_header.is_perspective == 0u {
+        path.origin += offset;
+        path.direction = -pass_header.back;
+    }
+    path.medium = 0u;
+    path.class_so_far = EMITTED;
+    path.throughput = vec3f(1.0);
+    path.bounce = 0u;
+    path.last_pdf = NO_DENSITY;
+    path.eta_squared = 1.0;
+    path.left_instance = ABSENT;
+    path.left_triangle = ABSENT;
+    path.key = key;
+    paths[slot] = path;
+    samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u);
+    queues[slot] = slot;
+}

@@ -1,0 +1,21 @@
+// Adds the light samples that nothing hides.
+
+@compute @workgroup_size(WORKGROUP)
+fn occluded(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= counters.shadow_count {
+        return;
+    }
+    let slot = queues[2u * pass_header.capacity + id.x];
+    let shadow = shadows[slot];
+    var ray: Ray;
+    ray.origin = shadow.origin;
+    ray.t_max = shadow.t_max;
+    ray.direction = shadow.direction;
+    ray.left_instance = shadow.left_instance;
+    ray.left_triangle = shadow.left_triangle;
+    if is_occluded(ray, shadow.light_instance, shadow.light_triangle) {
+        return;
+    }
+    add_radiance(slot, shadow.classes & 0xffu, shadow.diffuse);
+    add_radiance(slot, shadow.classes >> 8u, shadow.glossy);
+}

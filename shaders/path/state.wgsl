@@ -1,0 +1,146 @@
+// Paths on their way, one a pixel of a slice of the picture. `technique/path/gpu.rs` says which step follows which.
+
+struct PassHeader {
+    origin: vec3f,
+    half_width: f32,
+    right: vec3f,
+    half_height: f32,
+    up: vec3f,
+    is_perspective: u32,
+    back: vec3f,
+    width: u32,
+    /// `PixelSampler`'s key before the pixel goes in.
+    seed_key: vec2u,
+    sequence: u32,
+    index: u32,
+    height: u32,
+    first_pixel: u32,
+    path_count: u32,
+    /// Places in each queue.
+    capacity: u32,
+    /// Bit c: paths of class c are traced.
+    traced: u32,
+    /// Scatterings after which a path ends.
+    bounces_end: u32,
+    padding_0: u32,
+    padding_1: u32,
+}
+
+struct Path {
+    origin: vec3f,
+    /// What it crosses, as `Surface::inside`.
+    medium: u32,
+    direction: vec3f,
+    class_so_far: u32,
+    throughput: vec3f,
+    bounce: u32,
+    last_position: vec3f,
+    /// Density of the last direction; below 0: light sampling does not compete with it.
+    last_pdf: f32,
+    last_n: vec3f,
+    eta_squared: f32,
+    left_instance: u32,
+    left_triangle: u32,
+    key: vec2u,
+}
+
+/// A light sample that waits for its shadow ray.
+struct Shadow {
+    origin: vec3f,
+    t_max: f32,
+    direction: vec3f,
+    /// Classes of the diffuse and, from bit 8, of the glossy lobe's light.
+    classes: u32,
+    diffuse: vec3f,
+    light_instance: u32,
+    glossy: vec3f,
+    light_triangle: u32,
+    left_instance: u32,
+    left_triangle: u32,
+    padding_0: u32,
+    padding_1: u32,
+}
+
+/// What a pixel's path has brought; `film/pixel.rs`, `PixelSample`.
+struct PixelSample {
+    emitted: vec3f,
+    depth_m: f32,
+    direct: vec3f,
+    albedo_red: f32,
+    caustic: vec3f,
+    albedo_green: f32,
+    indirect: vec3f,
+    albedo_blue: f32,
+    normal: vec3f,
+    padding_0: u32,
+}
+
+/// Paths that go on: queue `parity` is read, the other filled.
+struct Counters {
+    parity: u32,
+    ray_count: u32,
+    next_ray_count: atomic<u32>,
+    shadow_count: u32,
+    next_shadow_count: atomic<u32>,
+    /// All of the slice.
+    rays: u32,
+    shadow_rays: u32,
+    padding_0: u32,
+}
+
+const EMITTED: u32 = 0u;
+const DIRECT: u32 = 1u;
+const CAUSTIC: u32 = 2u;
+const INDIRECT: u32 = 3u;
+
+@group(2) @binding(0) var<uniform> pass_header: PassHeader;
+@group(2) @binding(1) var<storage, read_write> paths: array<Path>;
+@group(2) @binding(2) var<storage, read_write> hits: array<Hit>;
+@group(2) @binding(3) var<storage, read_write> shadows: array<Shadow>;
+@group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
+/// Three queues of `capacity` slots: rays, rays, shadow rays.
+@group(2) @binding(5) var<storage, read_write> queues: array<u32>;
+@group(2) @binding(6) var<storage, read_write> counters: Counters;
+
+/// `PathClass::after`.
+fn class_after(class_so_far: u32, is_specular: bool) -> u32 {
+    if class_so_far == EMITTED {
+        return select(DIRECT, EMITTED, is_specular);
+    }
+    if is_specular && class_so_far != INDIRECT {
+        return CAUSTIC;
+    }
+    return INDIRECT;
+}
+
+fn is_traced(class_of_path: u32) -> bool {
+    return ((pass_header.traced >> class_of_path) & 1u) != 0u;
+}
+
+/// `PathClasses::are_beyond`.
+fn are_traced_beyond(class_of_path: u32) -> bool {
+    var beyond = 15u;
+    if class_of_path == INDIRECT {
+        beyond = 8u;
+    } else if class_of_path != EMITTED {
+        beyond = 12u;
+    }
+    return (pass_header.traced & beyond) != 0u;
+}
+
+fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
+    switch class_of_light {
+        case EMITTED: {
+            samples[slot].emitted += radiance;
+        }
+        case DIRECT: {
+            samples[slot].direct += radiance;
+        }
+        case CAUSTIC: {
+            samples[slot].caustic += radiance;
+        }
+        default: {
+            samples[slot].indirect += radiance;
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! Path tracing in steps, one scattering of every path of a slice at a time.
+
+use crate::{
+    Part, Step,
+    accel::{TREE, UNMASKED},
+};
+
+static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
+static SCENE: Part = Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
+static BSDF: Part = Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
+static SURFACE: Part = Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
+static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };
+static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
+static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
+static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
+
+static BEGIN_ENTRY: Part = Part { name: "path/begin", source: include_str!("../path/begin.wgsl") };
+static CLOSEST_ENTRY: Part = Part { name: "path/closest", source: include_str!("../path/closest.wgsl") };
+static SHADE_ENTRY: Part = Part { name: "path/shade", source: include_str!("../path/shade.wgsl") };
+static TURN_ENTRY: Part = Part { name: "path/turn", source: include_str!("../path/turn.wgsl") };
+static OCCLUDED_ENTRY: Part = Part { name: "path/occluded", source: include_str!("../path/occluded.wgsl") };
+
+/// Begins a path for every pixel of a slice.
+pub static PATH_BEGIN: Step = Step {
+    name: "path/begin",
+    entry_point: "begin",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &BEGIN_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// What the rays of paths that go on meet.
+pub static PATH_CLOSEST: Step = Step {
+    name: "path/closest",
+    entry_point: "closest",
+    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &CLOSEST_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// What paths find where they have arrived, and how they go on.
+pub static PATH_SHADE: Step = Step {
+    name: "path/shade",
+    entry_point: "shade",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &ALONE, &SHADE_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// The same, asking the light octree at the first diffuse surface.
+pub static PATH_SHADE_BY_OCTREE: Step = Step {
+    name: "path/shade_by_octree",
+    entry_point: "shade",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &OCTREE, &SHADE_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// Swaps the queues of paths and says how much there is to do.
+pub static PATH_TURN: Step = Step {
+    name: "path/turn",
+    entry_point: "turn",
+    parts: &[&TREE, &UNMASKED, &STATE, &TURN_ENTRY],
+    workgroup_size: [1, 1, 1],
+};
+
+/// Adds the light samples that nothing hides.
+pub static PATH_OCCLUDED: Step = Step {
+    name: "path/occluded",
+    entry_point: "occluded",
+    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &OCCLUDED_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
