@@ -169,6 +169,11 @@ fn violations(sources: &[Source]) -> Vec<String> {
                 {
                     found.push(format!("{who} names {path}: the engine knows no network, async or files"));
                 }
+                let knows_wgpu = source.module.first().is_some_and(|room| room == "gpu")
+                    || source.module.last().is_some_and(|file| file == "gpu");
+                if import.path[0] == "wgpu" && !knows_wgpu {
+                    found.push(format!("{who} names {path}: only the room gpu and the rooms' gpu.rs do"));
+                }
                 continue;
             }
             let own = source.module.first().and_then(|room| place(room));
@@ -191,13 +196,13 @@ fn violations(sources: &[Source]) -> Vec<String> {
     found
 }
 
-/// Paths that start with `crate`, `super`, `std`, `tokio` or `axum`, in `use` lines and elsewhere.
+/// Paths that start with `crate`, `super`, `std`, `tokio`, `axum` or `wgpu`, in `use` lines and elsewhere.
 fn imports(source: &Source) -> Vec<Import> {
     let tokens = &source.tokens;
     let mut found = Vec::new();
     let mut at = 0;
     while at < tokens.len() {
-        let is_start = matches!(tokens[at].as_str(), "crate" | "super" | "std" | "tokio" | "axum")
+        let is_start = matches!(tokens[at].as_str(), "crate" | "super" | "std" | "tokio" | "axum" | "wgpu")
             && tokens.get(at + 1).is_some_and(|next| next == "::")
             // Not the middle of a longer path, as in `self::super`, which is looked at from its start.
             && (at == 0 || tokens[at - 1] != "::");
@@ -426,6 +431,17 @@ fn techniques_that_import_each_other_are_found() {
     assert_eq!(said_of("technique/path", "use super::octree;").len(), 1);
     assert!(said_of("technique/path/cpu", "use super::super::{Card, Step}; use super::View;").is_empty());
     assert!(said_of("technique", "use path::PathTracer; use crate::technique::path;").is_empty());
+}
+
+#[test]
+fn wgpu_is_named_where_the_graphics_card_is_used_only() {
+    let text = "fn f(device: &wgpu::Device) {}";
+    for module in ["gpu", "gpu/session", "technique/path/gpu"] {
+        assert_eq!(said_of(module, text), Vec::<String>::new(), "{module}");
+    }
+    for module in ["technique/path/cpu", "render", "accel/upload"] {
+        assert_eq!(said_of(module, text).len(), 1, "{module}");
+    }
 }
 
 #[test]

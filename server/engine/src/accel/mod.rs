@@ -122,6 +122,6 @@ impl Accel {
 }
 
 #[cfg(test)]
-pub(crate) use upload::tests as upload_tests;
+pub(crate) use upload::{tests as upload_tests, twin as upload_twin};
 #[cfg(test)]
 pub(crate) mod tests;

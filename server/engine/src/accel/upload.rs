@@ -2,7 +2,8 @@
 //!
 //! Imports `scene`; knows no graphics interface. Compressed wide nodes are those of [Ylitie2017], with another encoding
 //! of leaves; the two levels, the boxes' room for rounding and the triangle test are the CPU's, so that both meet the
-//! same triangles. `upload/twin.rs` (tests only) walks these buffers as the shader shall, statement by statement.
+//! same triangles. `accel/tree.wgsl` of the crate `lumicast-shaders` walks these buffers; `upload/twin.rs` (tests only) is the
+//! same walk, statement by statement.
 //!
 //! **Node**, 80 bytes, in WGSL `array<vec4u, 5>`. Byte k of a word is `word >> 8k & 0xff`.
 //!

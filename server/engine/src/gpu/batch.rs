@@ -241,7 +241,7 @@ impl Submission {
             return Ok(None);
         };
         let bytes = ticks.collect()?;
-        let mut ticks = bytes.chunks_exact(8).map(|tick| bytemuck::pod_read_unaligned::<u64>(tick));
+        let mut ticks = bytes.chunks_exact(8).map(bytemuck::pod_read_unaligned::<u64>);
         let (first, last) = (ticks.next().unwrap_or(0), ticks.next().unwrap_or(0));
         // A clock that was set back in between says nothing.
         Ok(last.checked_sub(first).map(|ticks| ticks as f64 * f64::from(nanoseconds) * 1e-9))

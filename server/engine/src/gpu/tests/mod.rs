@@ -218,6 +218,35 @@ fn what_the_device_refuses_is_an_error() {
     assert_eq!(computed(&session, 2, 100).unwrap(), expected(2, 100));
 }
 
+/// Work that takes longer than it may is an error and not a hang; the device ends it all the same.
+#[test]
+fn waiting_has_an_end() {
+    let options = GpuOptions { adapter: AdapterChoice::Any, seconds_max: 1e-3, ..GpuOptions::default() };
+    let Some(gpu) = open_with(&options) else { return };
+    let session = gpu.session().unwrap();
+    let layout = session.layout(&BINDINGS).unwrap();
+    let pipeline = session.pipeline(&TWICE, &[("FACTOR", Constant::U32(2))], &[&layout]).unwrap();
+    let [input, output] = ["input", "output"].map(|n| session.buffer_zeroed(n, 64 << 20).unwrap());
+    let addend = session.buffer("addend", bytemuck::bytes_of(&5u32)).unwrap();
+    let group = session.bind(&layout, &[&input, &output, &addend]).unwrap();
+    let mut batch = session.batch("long").unwrap();
+    // 50 × 128 MiB are read and written: a second for this machine, several milliseconds for the fastest card there is.
+    for _ in 0..50 {
+        batch.dispatch(&pipeline, &[&group], pipeline.workgroups(16 << 20)).unwrap();
+    }
+    let mut read = batch.read_back(&output, 0..16).unwrap();
+    let submission = batch.submit().unwrap();
+    let error = submission.wait().unwrap_err();
+    assert_eq!(error.to_string(), "the graphics device did not finish long within 0.001 s");
+    let bytes = loop {
+        if let Some(bytes) = read.try_collect().unwrap() {
+            break bytes;
+        }
+        std::thread::yield_now();
+    };
+    assert_eq!(bytemuck::pod_collect_to_vec::<u8, u32>(&bytes), [5; 4]);
+}
+
 /// After a loss everything of the device says so, and the next session computes.
 #[test]
 fn a_lost_device_is_an_error_and_the_next_session_works() {
