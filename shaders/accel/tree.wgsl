@@ -152,32 +152,57 @@ fn members_of(member_ends: vec2u, slot: u32) -> vec2u {
     return vec2u(start, byte_of(member_ends, slot));
 }
 
-// The slots of a node that the ray enters before `t_max`: bit p for slot `p ^ octant`.
+fn bits_of(flags: vec4<bool>) -> u32 {
+    let bits = select(vec4u(0u), vec4u(1u, 2u, 4u, 8u), flags);
+    return bits.x | bits.y | bits.z | bits.w;
+}
+
+// Where a ray meets four planes of an axis, whose places are the bytes of `word`.
+fn planes_met(word: u32, origin: f32, step: f32, scale: f32, shift: f32) -> vec4f {
+    return (origin + vec4f(unpack4xU8(word)) * step) * scale - shift;
+}
+
+// Which of four slots the ray enters, bit s for the one in byte s of the words.
+fn entered_of_four(node: GpuNode, step: vec3f, near: vec3u, far: vec3u, slab: Slab, t_max: f32) -> u32 {
+    let near_x = planes_met(near.x, node.origin.x, step.x, slab.near_scale.x, slab.near_shift.x);
+    let near_y = planes_met(near.y, node.origin.y, step.y, slab.near_scale.y, slab.near_shift.y);
+    let near_z = planes_met(near.z, node.origin.z, step.z, slab.near_scale.z, slab.near_shift.z);
+    let far_x = planes_met(far.x, node.origin.x, step.x, slab.far_scale.x, slab.far_shift.x);
+    let far_y = planes_met(far.y, node.origin.y, step.y, slab.far_scale.y, slab.far_shift.y);
+    let far_z = planes_met(far.z, node.origin.z, step.z, slab.far_scale.z, slab.far_shift.z);
+    let t_near = max(max(near_x, near_y), max(near_z, vec4f(0.0)));
+    let t_far = min(min(far_x, far_y), min(far_z, vec4f(t_max)));
+    return bits_of(t_near <= t_far);
+}
+
+// Bit s of eight moved to `s ^ octant`.
+fn reordered(bits: u32, octant: u32) -> u32 {
+    let singles = select(bits, ((bits & 0x55u) << 1u) | ((bits >> 1u) & 0x55u), (octant & 1u) != 0u);
+    let pairs = select(singles, ((singles & 0x33u) << 2u) | ((singles >> 2u) & 0x33u), (octant & 2u) != 0u);
+    return select(pairs, ((pairs & 0x0fu) << 4u) | (pairs >> 4u), (octant & 4u) != 0u);
+}
+
+// The slots of a node that the ray enters before `t_max`: bit p for slot `p ^ octant`. Four at a time and without a loop,
+// which compilers would have to unroll first, around the checks that bound every loop.
 fn entered_slots(node: GpuNode, slab: Slab, t_max: f32) -> u32 {
     let exponents = node.exponents_and_inner;
     let step = bitcast<vec3f>((vec3u(exponents, exponents >> 8u, exponents >> 16u) & vec3u(0xffu)) << vec3u(23u));
-    let inner = exponents >> 24u;
     let backwards = (vec3u(slab.octant, slab.octant >> 1u, slab.octant >> 2u) & vec3u(1u)) == vec3u(1u);
-    let near_x = select(node.planes[0].xy, node.planes[0].zw, backwards.x);
-    let near_y = select(node.planes[1].xy, node.planes[1].zw, backwards.y);
-    let near_z = select(node.planes[2].xy, node.planes[2].zw, backwards.z);
-    let far_x = select(node.planes[0].zw, node.planes[0].xy, backwards.x);
-    let far_y = select(node.planes[1].zw, node.planes[1].xy, backwards.y);
-    let far_z = select(node.planes[2].zw, node.planes[2].xy, backwards.z);
-    var entered = 0u;
-    var member_start = 0u;
-    for (var slot = 0u; slot < 8u; slot++) {
-        let member_end = byte_of(node.member_ends, slot);
-        let is_used = ((inner >> slot) & 1u) == 1u || member_end > member_start;
-        member_start = member_end;
-        let near = vec3f(vec3u(byte_of(near_x, slot), byte_of(near_y, slot), byte_of(near_z, slot)));
-        let far = vec3f(vec3u(byte_of(far_x, slot), byte_of(far_y, slot), byte_of(far_z, slot)));
-        let t_near = (node.origin + near * step) * slab.near_scale - slab.near_shift;
-        let t_far = (node.origin + far * step) * slab.far_scale - slab.far_shift;
-        let is_entered = max(largest(t_near), 0.0) <= min(min(t_far.x, t_far.y), min(t_far.z, t_max));
-        entered |= select(0u, 1u, is_used && is_entered) << (slot ^ slab.octant);
-    }
-    return entered;
+    let low_first = vec3u(node.planes[0].x, node.planes[1].x, node.planes[2].x);
+    let low_last = vec3u(node.planes[0].y, node.planes[1].y, node.planes[2].y);
+    let high_first = vec3u(node.planes[0].z, node.planes[1].z, node.planes[2].z);
+    let high_last = vec3u(node.planes[0].w, node.planes[1].w, node.planes[2].w);
+    let first = entered_of_four(
+        node, step, select(low_first, high_first, backwards), select(high_first, low_first, backwards), slab, t_max,
+    );
+    let last = entered_of_four(
+        node, step, select(low_last, high_last, backwards), select(high_last, low_last, backwards), slab, t_max,
+    );
+    // A slot has members where its sum is above that before it.
+    let ends = node.member_ends;
+    let has_members = bits_of(unpack4xU8(ends.x) > unpack4xU8(ends.x << 8u))
+        | (bits_of(unpack4xU8(ends.y) > unpack4xU8((ends.y << 8u) | (ends.x >> 24u))) << 4u);
+    return reordered((first | (last << 4u)) & ((exponents >> 24u) | has_members), slab.octant);
 }
 
 // ---- triangles ----
