@@ -85,7 +85,8 @@ settings! {
     listen: String = "127.0.0.1:7171".into();
     /// Folder of the durable scene store; empty: scenes live in memory and are gone when the server stops.
     data: String = String::new();
-    /// What renders: auto, cpu or gpu. This version has cpu; auto takes it.
+    /// What draws pictures: cpu; gpu, a graphics card or what stands for one; auto: a graphics card where there is one. Light is
+    /// learnt on the CPU in any case, and pictures by records of irradiance (`technique: irradiance`) are drawn there.
     backend: String = "auto".into();
     /// Rendering threads, shared by all scenes; 0: one per core.
     threads: u64 = 0;

@@ -113,6 +113,8 @@ pub struct Metrics {
     pub edit_latency: Latency,
     pub passes: Counter,
     pub passes_cancelled: Counter,
+    /// Of the whole ones, those that a graphics card drew.
+    pub passes_gpu: Counter,
     pub rays: Counter,
     /// Photons traced again to see whether their light is still as kept.
     pub photons_probed: Counter,
@@ -146,6 +148,7 @@ impl Default for Metrics {
             edit_latency: Latency::default(),
             passes: Counter::default(),
             passes_cancelled: Counter::default(),
+            passes_gpu: Counter::default(),
             rays: Counter::default(),
             photons_probed: Counter::default(),
             photon_groups_diverged: Counter::default(),
@@ -187,6 +190,7 @@ impl Metrics {
             ("edits_refused_total", "Batches refused", &self.edits_refused),
             ("passes_total", "Rendering passes finished", &self.passes),
             ("passes_cancelled_total", "Rendering passes cut short by news", &self.passes_cancelled),
+            ("passes_gpu_total", "Rendering passes that a graphics card finished", &self.passes_gpu),
             ("rays_total", "Rays traced", &self.rays),
             ("photons_probed_total", "Photons traced again to check the light", &self.photons_probed),
             (

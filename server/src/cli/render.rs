@@ -164,7 +164,8 @@ impl<'a> Job<'a> {
             StopRule { samples: Some(_), .. } => Learning::First,
             StopRule { .. } => Learning::InStep,
         };
-        let settings = RenderSettings { learning, ..settings_of(self.args) };
+        let settings =
+            RenderSettings { learning, backend: self.drawn_on.backend(), ..settings_of(self.args) };
         let mut rendering = Rendering::new(self.world.clone(), self.view, self.size, settings);
         self.drawn_on.take(&mut rendering)?;
         rendering.aim_at(self.rule.error);

@@ -49,9 +49,6 @@ impl ServeArgs {
             print!("{}", config.to_toml());
             return Ok(());
         }
-        if config.backend == "gpu" {
-            return Err("backend gpu: this version renders on the CPU; take auto or cpu".into());
-        }
         telemetry::init_logging(&config.log, &config.log_format)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             // Two: they only pass messages on; rendering has threads of its own.

@@ -8,6 +8,7 @@
 //! the snapshot he began with, so that nobody waits for anybody.
 
 mod alarm;
+mod card;
 mod desk;
 mod foretold;
 mod frames;
@@ -38,6 +39,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock, mpsc};
 use std::time::Instant;
 use tokio::sync::{broadcast, oneshot, watch};
 
+pub use card::Card;
 pub use registry::{CreateError, Origin, Scenes};
 pub use request::{DoneBy, PictureFormat, PictureRequest, RequestedPicture, Until};
 pub use viewer::{Outgoing, Viewer};
@@ -49,6 +51,8 @@ pub struct Workshop {
     pub config: Config,
     /// Numbers for the operator.
     pub metrics: Metrics,
+    /// Draws pictures, for all scenes, where there is one.
+    pub card: Card,
     /// Draws pictures, for all scenes.
     drawing_pool: rayon::ThreadPool,
     /// Builds trees after edits. Apart from the drawing pool, so that an edit need not wait for a pass to end.
@@ -74,6 +78,7 @@ impl Workshop {
             data => Some(Store::open(&PathBuf::from(data))?),
         };
         Ok(Workshop {
+            card: Card::open(&config)?,
             drawing_pool: pool("draw")?,
             building_pool: pool("build")?,
             store,

@@ -6,6 +6,7 @@
 //! of time in between. All films live here; a stalled viewer's is left alone.
 
 use super::alarm::Alarm;
+use super::card::SceneOnCard;
 use super::foretold::Look;
 use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
@@ -39,6 +40,8 @@ pub(super) struct Painter {
     drawings: Vec<Drawing>,
     /// What is known of the scene's light.
     lighting: Lighting,
+    /// The scene on the graphics card.
+    on_card: SceneOnCard,
     /// Its caustics for first pictures, by the bound on bounces, with the light revision that they are of: as many as viewers
     /// ask for.
     sketches: HashMap<Option<u32>, (u64, Arc<CausticSketch>)>,
@@ -67,6 +70,7 @@ impl Painter {
             films: HashMap::new(),
             drawings: Vec::new(),
             lighting: Lighting::default(),
+            on_card: SceneOnCard::default(),
             sketches: HashMap::new(),
             speed: Speed::default(),
             quick_speed: Speed::default(),
@@ -85,6 +89,7 @@ impl Painter {
             });
             self.settle_drawings();
             let snapshot = self.scene.snapshot();
+            self.on_card.follow(&snapshot, &self.scene.workshop);
             self.follow_light(&viewers, &snapshot);
             let tasks: Vec<(Arc<Viewer>, Option<Wish>, Task)> = viewers
                 .into_iter()
@@ -272,6 +277,7 @@ impl Painter {
             learning: Learning::Alongside { until: None },
             effects: wish.effects,
             measuring: self.scene.workshop.config.measuring(),
+            backend: self.scene.workshop.card.backend(),
         }
     }
 
@@ -513,6 +519,7 @@ impl Painter {
             return (false, 0, 0.0);
         }
         drop(board);
+        self.on_card.draw(rendering, &self.scene.workshop);
         let metrics = &self.scene.workshop.metrics;
         let (samples_before, counts_before) = (rendering.sample_count(), rendering.counts());
         let started = Instant::now();
@@ -525,6 +532,9 @@ impl Painter {
         let samples = rendering.sample_count() - samples_before;
         let counts = rendering.counts();
         if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
+        if progress.complete && rendering.is_on_gpu() {
+            metrics.passes_gpu.one();
+        }
         metrics.samples.add(samples);
         metrics.rays.add((counts - counts_before).all_rays());
         metrics.render_us.add((seconds * 1e6) as u64);

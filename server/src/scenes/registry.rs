@@ -28,6 +28,9 @@ pub enum CreateError {
     /// The file is no scene.
     #[error(transparent)]
     Asset(#[from] AssetError),
+    /// The graphics card that was asked for cannot be used.
+    #[error("backend gpu: {0}")]
+    Gpu(#[from] lumicast_engine::gpu::GpuError),
     /// The scene breaks a limit.
     #[error(transparent)]
     Scene(#[from] SceneError),
@@ -66,7 +69,7 @@ impl CreateError {
             CreateError::UnknownBuiltin(_) => ProblemKind::NotFound,
             CreateError::Taken(_) => ProblemKind::Conflict,
             CreateError::TooMany(_) => ProblemKind::TooMany,
-            CreateError::Store(_) | CreateError::Threads(_) => ProblemKind::Unavailable,
+            CreateError::Store(_) | CreateError::Gpu(_) | CreateError::Threads(_) => ProblemKind::Unavailable,
             CreateError::Replay { .. } => ProblemKind::Internal,
         };
         Problem::new(kind, self.to_string())

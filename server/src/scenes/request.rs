@@ -182,6 +182,7 @@ impl Drawing {
             seed: config.seed,
             learning,
             measuring: config.measuring(),
+            backend: workshop.card.backend(),
             ..RenderSettings::default()
         };
         let bytes = settings.picture_bytes(&job.snapshot.plan, job.size.pixel_count());

@@ -4,6 +4,7 @@
 
 mod durable;
 mod edits;
+mod gpu;
 mod harness;
 mod hostile;
 mod http;

@@ -38,7 +38,7 @@ impl Rendering {
         if measured.reaches(target) {
             return Some(Remaining::Nothing);
         }
-        let rays = self.counts.all_rays() as f64;
+        let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
         match &self.outlook {
             Some(outlook) if !learns && self.knows_its_light() => {
@@ -61,9 +61,10 @@ impl Rendering {
     /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.
     pub fn aim_at(&mut self, target: Option<f64>) {
         if self.target != target {
+            let spent = self.spent_rays();
             (self.target, self.is_doubted) = (target, false);
             if let Some(measuring) = &mut self.measuring {
-                measuring.forget_grants(self.counts.all_rays());
+                measuring.forget_grants(spent);
             }
         }
     }
@@ -81,8 +82,8 @@ impl Rendering {
 
     /// Keeps the measure of the error up with the rest of the work.
     pub(super) fn measure(&mut self, cancel: &AtomicBool) {
+        let spent = self.spent_rays();
         let Some(measuring) = &mut self.measuring else { return };
-        let spent = self.counts.all_rays();
         self.counts += measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
@@ -94,15 +95,16 @@ impl Rendering {
             self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             self.is_doubted = self.is_doubtful();
+            let spent = self.spent_rays();
             if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
-                measuring.forget_grants(self.counts.all_rays());
+                measuring.forget_grants(spent);
             }
         }
     }
 
     /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.
     pub(super) fn settle_doubt(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let spent = self.counts.all_rays();
+        let spent = self.spent_rays();
         self.measuring.as_ref().filter(|measuring| self.is_doubted && measuring.is_owed(spent))?;
         let before = self.counts;
         self.measure(cancel);

@@ -9,7 +9,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Indirect, RenderSettings, Rendering, all_paths};
+use super::{Indirect, RenderSettings, Rendering, all_paths, beside};
 use crate::{
     film::{Film, PictureSize},
     gpu::{AdapterKind, Gpu, GpuError},
@@ -94,14 +94,43 @@ pub fn is_software(gpu: &Gpu) -> bool {
     gpu.report().kind == AdapterKind::Software
 }
 
+/// Rays a second of the CPU, before it has traced any.
+const CPU_RAYS_PER_SECOND: f64 = 2e6;
+/// Seconds of work on the CPU from which on its own rate counts.
+const RATE_KNOWN_SECONDS: f64 = 0.05;
+
+/// A picture on a card.
+#[derive(Debug)]
+pub(super) struct OnGpu {
+    scene: Arc<GpuScene>,
+    drawing: GpuPathTracer,
+    /// For the path-traced film beside it.
+    tracing: Option<GpuPathTracer>,
+    /// What the CPU traced beside, and the seconds that took.
+    cpu_rays: u64,
+    cpu_seconds: f64,
+}
+
+impl OnGpu {
+    /// Rays that the CPU would have traced in so many seconds.
+    fn rays_in(&self, seconds: f64) -> u64 {
+        let is_known = self.cpu_seconds > RATE_KNOWN_SECONDS;
+        let rate = if is_known { self.cpu_rays as f64 / self.cpu_seconds } else { CPU_RAYS_PER_SECOND };
+        (rate * seconds) as u64
+    }
+
+    fn failure(&self) -> Option<&GpuError> {
+        self.drawing.failure().or(self.tracing.as_ref().and_then(GpuPathTracer::failure))
+    }
+}
+
 impl RenderSettings {
     /// Whether a card can draw such pictures.
     ///
     /// Errors: [`CpuOnly`] for those that look up records of irradiance.
     pub fn draws_on_gpu(&self) -> Result<(), CpuOnly> {
         match self.indirect {
-            Indirect::Path | Indirect::Octree | Indirect::None => Ok(()),
-            Indirect::Auto => Err(CpuOnly { technique: "auto", what: "irradiance cache" }),
+            Indirect::Path | Indirect::Octree | Indirect::Auto | Indirect::None => Ok(()),
             Indirect::Irradiance => Err(CpuOnly { technique: "irradiance", what: "irradiance cache" }),
         }
     }
@@ -111,13 +140,19 @@ impl Rendering {
     /// Draws on a card from now on. Caustics are then those that the octree knows, where light is looked up there: their own
     /// photons are seen on the CPU only.
     ///
-    /// Errors: as [`RenderSettings::draws_on_gpu`].
     /// - `scene`: of the same world
+    ///
+    /// Errors: as [`RenderSettings::draws_on_gpu`].
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) -> Result<(), CpuOnly> {
         self.settings.draws_on_gpu()?;
         self.look_caustics_up();
-        self.hidden = [None, None];
-        self.gpu = Some(Box::new(GpuPathTracer::new(scene, all_paths(&self.settings))));
+        self.gpu = Some(Box::new(OnGpu {
+            drawing: GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings)),
+            scene,
+            tracing: None,
+            cpu_rays: 0,
+            cpu_seconds: 0.0,
+        }));
         self.gpu_failure = None;
         Ok(())
     }
@@ -134,20 +169,70 @@ impl Rendering {
 
     /// The scene on the card that it is drawn on.
     pub fn gpu_scene(&self) -> Option<&Arc<GpuScene>> {
-        self.gpu.as_ref().map(|gpu| gpu.scene())
+        self.gpu.as_ref().map(|gpu| &gpu.scene)
     }
 
-    /// A pass on the card; `None` where it is drawn on the CPU, now or again.
+    /// The CPU did this beside a card.
+    pub(super) fn note_cpu_work(&mut self, rays: u64, start: Instant) {
+        if let Some(gpu) = &mut self.gpu {
+            gpu.cpu_rays += rays;
+            gpu.cpu_seconds += start.elapsed().as_secs_f64();
+        }
+    }
+
+    /// A pass on the card; `None` where the CPU draws it: after a failure, and as long as path tracing alone draws what it
+    /// cannot find without photons.
     pub(super) fn draw_on_gpu(&mut self, cancel: &AtomicBool) -> Option<Progress> {
         let gpu = self.gpu.as_mut()?;
-        gpu.draw_as(&self.technique);
-        let canvas = Some(Canvas { view: &self.view, film: &mut self.film });
-        let products = &mut Products::default();
-        let progress = gpu.step(&mut Step { world: &self.world, products, canvas, cancel });
+        if self.hidden[0].is_some() && !self.technique.asks() {
+            return None;
+        }
+        gpu.drawing.draw_as(&self.technique);
+        let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
+        let progress = step_on_gpu(&mut gpu.drawing, (&self.world, &self.view), &mut self.film, cancel);
+        let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
+        let rays = self.count_gpu_work(&progress, seconds);
+        self.looked_up_rays += rays;
+        Some(progress)
+    }
+
+    /// A pass of the path-traced film on the card; `None` where the CPU draws it.
+    pub(super) fn trace_on_gpu(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        if self.hidden[1].is_some() {
+            return None;
+        }
+        let gpu = self.gpu.as_mut()?;
+        let (size, settings) = (self.film.size(), beside(&self.settings));
+        let film = self.traced.get_or_insert_with(|| Film::new(size));
+        let scene = &gpu.scene;
+        let tracing = gpu.tracing.get_or_insert_with(|| GpuPathTracer::new(Arc::clone(scene), settings));
+        let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
+        let progress = step_on_gpu(tracing, (&self.world, &self.view), film, cancel);
+        let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
+        let rays = self.count_gpu_work(&progress, seconds);
+        self.traced_rays += rays;
+        Some(progress)
+    }
+
+    /// What a pass on the card counts for, in rays of the CPU; takes note of failures.
+    fn count_gpu_work(&mut self, progress: &Progress, seconds: f64) -> u64 {
+        let Some(gpu) = &self.gpu else { return 0 };
+        let rays = gpu.rays_in(seconds);
+        self.surplus_rays += rays as i64 - progress.counts.all_rays() as i64;
         if let Some(error) = gpu.failure() {
             self.gpu_failure = Some(error.clone());
             self.gpu = None;
         }
-        Some(progress)
+        rays
     }
+}
+
+fn step_on_gpu(
+    technique: &mut GpuPathTracer,
+    (world, view): (&World, &View),
+    film: &mut Film,
+    cancel: &AtomicBool,
+) -> Progress {
+    let (canvas, products) = (Some(Canvas { view, film }), &mut Products::default());
+    technique.step(&mut Step { world, products, canvas, cancel })
 }

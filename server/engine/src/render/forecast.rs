@@ -172,7 +172,7 @@ impl Forecasts {
         samples_max: Option<u32>,
     ) -> Vec<Expected> {
         let worked_s = now_s - self.begun_s;
-        let has_worked = self.pace.note(worked_s, rendering.counts().all_rays() as f64);
+        let has_worked = self.pace.note(worked_s, rendering.spent_rays() as f64);
         if has_worked {
             self.last_s = now_s;
         }

@@ -46,6 +46,8 @@ impl Rendering {
             self.relight(known, Outdated::Rough);
         }
         self.counts += counts;
+        #[cfg(feature = "gpu")]
+        self.note_cpu_work(counts.all_rays(), start);
         if !is_first {
             self.lead += self.work(start, counts_before);
         }

@@ -23,6 +23,8 @@ use std::{
     time::Instant,
 };
 
+#[cfg(feature = "gpu")]
+use crate::gpu::GpuError;
 use crate::{
     effects::{EffectChoices, EffectKind, EffectPlan},
     film::{Film, Outdated, Picture, PictureSize},
@@ -36,7 +38,7 @@ use crate::{
     transport::{PathClass, PathClasses, World},
 };
 #[cfg(feature = "gpu")]
-use crate::{gpu::GpuError, technique::path::GpuPathTracer};
+use backend::OnGpu;
 use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
@@ -76,6 +78,17 @@ pub enum Learnt {
     Records,
 }
 
+/// Where the samples of a picture are drawn. Light is learnt and errors are measured on the CPU in either case.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Backend {
+    /// On the CPU.
+    #[default]
+    Cpu,
+    /// On a graphics card, once the picture is [given one](Rendering::draw_on). The best chain that exists there is the octree,
+    /// and the path tracer beside it.
+    Gpu,
+}
+
 /// When a picture that learns of its light by itself is drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Learning {
@@ -108,6 +121,8 @@ pub struct RenderSettings {
     pub effects: EffectChoices,
     /// Time that measuring what is looked up may take, beside what [`Rendering::aim_at`] allows.
     pub measuring: MeasuringShare,
+    /// Where it is drawn.
+    pub backend: Backend,
 }
 
 impl RenderSettings {
@@ -162,7 +177,10 @@ impl RenderSettings {
     ///
     /// - `plan`: of the scene
     pub fn learns(&self, plan: &EffectPlan) -> Option<Learnt> {
-        let learnt = if self.indirect == Indirect::Octree { Learnt::Octree } else { Learnt::Records };
+        let learnt = match (self.indirect, self.backend) {
+            (Indirect::Octree, _) | (Indirect::Auto, Backend::Gpu) => Learnt::Octree,
+            _ => Learnt::Records,
+        };
         let runs = self.effects.indirect.runs(plan.is_on(EffectKind::Indirect));
         (self.looks_up() && runs).then_some(learnt)
     }
@@ -176,7 +194,7 @@ pub struct Rendering {
     technique: PathTracer,
     /// What draws in its place on a graphics card.
     #[cfg(feature = "gpu")]
-    gpu: Option<Box<GpuPathTracer>>,
+    gpu: Option<Box<OnGpu>>,
     /// Why nothing does any more.
     #[cfg(feature = "gpu")]
     gpu_failure: Option<GpuError>,
@@ -209,7 +227,9 @@ pub struct Rendering {
     /// Drawn since measuring was last granted as much.
     ungranted_rays: u64,
     counts: Counts,
-    /// Rays of either film.
+    /// Rays that the CPU would have traced in the time that cards took, less those that the cards traced.
+    surplus_rays: i64,
+    /// Rays of either film, as the CPU counts them.
     looked_up_rays: u64,
     traced_rays: u64,
 }
@@ -295,6 +315,7 @@ impl Rendering {
             is_doubted: false,
             ungranted_rays: 0,
             counts: Counts::default(),
+            surplus_rays: 0,
             looked_up_rays: 0,
             traced_rays: 0,
         }
@@ -320,7 +341,7 @@ impl Rendering {
             return progress;
         }
         let is_first = self.film.passes_min() == 0;
-        let (start, before) = (Instant::now(), self.counts);
+        let (start, before, spent_before) = (Instant::now(), self.counts, self.spent_rays());
         let progress = match self.turn() {
             Turn::LookedUp => self.draw(cancel),
             Turn::Traced => self.trace(cancel),
@@ -328,7 +349,7 @@ impl Rendering {
         self.counts += progress.counts;
         self.lead -= self.learning_share() * self.work(start, before);
         // Whoever waits for a first picture waits for nothing else.
-        self.ungranted_rays += progress.counts.all_rays();
+        self.ungranted_rays += self.spent_rays().saturating_sub(spent_before);
         if progress.complete && !is_first {
             let drawn = std::mem::take(&mut self.ungranted_rays);
             if let Some(measuring) = self.measuring.as_mut().filter(|_| self.is_doubted) {
@@ -343,7 +364,6 @@ impl Rendering {
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
         #[cfg(feature = "gpu")]
         if let Some(progress) = self.draw_on_gpu(cancel) {
-            self.looked_up_rays += progress.counts.all_rays();
             return progress;
         }
         let pass = pass_of(&self.film);
@@ -377,13 +397,14 @@ impl Rendering {
 
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
+        #[cfg(feature = "gpu")]
+        if let Some(progress) = self.trace_on_gpu(cancel) {
+            return progress;
+        }
         let size = self.film.size();
         let film = self.traced.get_or_insert_with(|| Film::new(size));
         let (products, prepared) = hidden_light(&mut self.hidden[1], &self.world, pass_of(film), cancel);
-        // With numbers of its own: its samples are independent of the other film's.
-        let settings = all_paths(&self.settings);
-        let settings = PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings };
-        let mut technique = PathTracer::new(settings);
+        let mut technique = PathTracer::new(beside(&self.settings));
         let progress = step_on(&mut technique, (&self.world, &self.view), film, products, prepared, cancel);
         self.traced_rays += progress.counts.all_rays();
         progress
@@ -405,7 +426,7 @@ impl Rendering {
         if self.knows_its_light() || self.is_late() {
             return outlook.turn();
         }
-        let spent = self.counts.all_rays();
+        let spent = self.spent_rays();
         // What is learnt makes the picture better by nobody knows how much: path tracing gets half of the work if it would
         // have done better with all of it.
         let is_behind = outlook.tracing_would_have_done(spent);
@@ -452,6 +473,11 @@ impl Rendering {
     /// Work done so far.
     pub fn counts(&self) -> Counts {
         self.counts
+    }
+
+    /// Work done so far, in rays of the CPU: what cards did counts by the time it took.
+    pub fn spent_rays(&self) -> u64 {
+        self.counts.all_rays().saturating_add_signed(self.surplus_rays)
     }
 
     /// Samples that every pixel has.
@@ -542,6 +568,12 @@ fn step_on(
 fn all_paths(settings: &RenderSettings) -> PathSettings {
     let shown = settings.effects.shown();
     PathSettings { shown, traced: shown, ..PathSettings::all(settings.bounces_max, settings.seed) }
+}
+
+/// The same for the film beside one of looked-up light, with numbers of its own: its samples are independent of the other's.
+fn beside(settings: &RenderSettings) -> PathSettings {
+    let settings = all_paths(settings);
+    PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings }
 }
 
 /// The path tracer that draws with what is known; where the best there is is asked for and nothing is known yet, by itself.

@@ -71,7 +71,7 @@ pub struct RenderArgs {
     /// Threads; one per core when left out
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Where the picture is drawn: cpu; gpu (through Vulkan, Metal or DirectX 12; path, octree and none); auto: the faster one
+    /// Where the picture is drawn: cpu; gpu (through Vulkan, Metal or DirectX 12; not irradiance); auto: the faster one
     /// by a short trial, where there is a graphics card
     #[arg(long, default_value = "auto", value_name = "BACKEND", value_parser = parse_backend)]
     pub backend: Backend,
@@ -97,11 +97,11 @@ pub struct RenderArgs {
 
 impl RenderArgs {
     /// The technique that is asked for. A number of samples is a question to the path tracer: of a picture that is looked up
-    /// in what was learnt it says little. On a graphics card path tracing is the best chain that exists so far.
+    /// in what was learnt it says little.
     pub(super) fn technique(&self) -> Indirect {
-        match (self.indirect, self.samples, self.backend) {
-            (Indirect::Auto, Some(_), _) | (Indirect::Auto, _, Backend::Gpu) => Indirect::Path,
-            (indirect, _, _) => indirect,
+        match (self.indirect, self.samples) {
+            (Indirect::Auto, Some(_)) => Indirect::Path,
+            (indirect, _) => indirect,
         }
     }
 }

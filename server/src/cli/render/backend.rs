@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lumicast_engine::{
     film::PictureSize,
     gpu::{AdapterChoice, AdapterReport, Gpu},
-    render::{BackendTrial, RenderSettings, Rendering},
+    render::{self, BackendTrial, RenderSettings, Rendering},
     scene::CameraView,
     technique::path::GpuScene,
     transport::World,
@@ -69,6 +69,14 @@ impl DrawnOn {
             Err(error) => eprintln!("drawing on the CPU, not on {name}: {error}"),
         }
         DrawnOn::Cpu
+    }
+
+    /// As settings name it.
+    pub(super) fn backend(&self) -> render::Backend {
+        match self {
+            DrawnOn::Cpu => render::Backend::Cpu,
+            DrawnOn::Gpu(_) => render::Backend::Gpu,
+        }
     }
 
     /// Takes the picture there.

@@ -32,7 +32,9 @@ use crate::{
         Session,
     },
     math::{Rgb, sobol::PixelSampler},
-    technique::{Canvas, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique},
+    technique::{
+        Canvas, Card, Counts, Edit, GpuOctreeHeader, PackedLight, Progress, SecondaryLight, Step, Technique,
+    },
     transport::{PathClass, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
 
@@ -185,7 +187,8 @@ impl GpuWorld {
 /// What is known of a scene's light, on a card.
 #[derive(Debug)]
 struct LightOnCard {
-    known: Arc<dyn SecondaryLight>,
+    /// `None`: nothing is known.
+    known: Option<Arc<dyn SecondaryLight>>,
     /// Kept for as long as the group that binds them.
     _buffers: Vec<Buffer>,
     group: BindGroup,
@@ -198,6 +201,21 @@ impl LightOnCard {
             let what = format!("the light that {} knows is not packed for graphics cards", known.card().name);
             return Err(GpuError::Failed { what });
         };
+        LightOnCard::of(session, Some(Arc::clone(known)), &packed)
+    }
+
+    /// No light at all.
+    fn nothing(session: &Arc<Session>) -> Result<LightOnCard, GpuError> {
+        let (words, sets, vdls) = (Vec::new(), Vec::new(), Vec::new());
+        let packed = PackedLight { header: GpuOctreeHeader::zeroed(), words, sets, vdls };
+        LightOnCard::of(session, None, &packed)
+    }
+
+    fn of(
+        session: &Arc<Session>,
+        known: Option<Arc<dyn SecondaryLight>>,
+        packed: &PackedLight,
+    ) -> Result<LightOnCard, GpuError> {
         let buffers = vec![
             session.buffer_of("octree header", &[packed.header])?,
             session.buffer_of("octree", &packed.words)?,
@@ -206,7 +224,7 @@ impl LightOnCard {
         ];
         let layout = session.layout(&[Binding::Uniform, Binding::Read, Binding::Read, Binding::Read])?;
         let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
-        Ok(LightOnCard { known: Arc::clone(known), _buffers: buffers, group, layout })
+        Ok(LightOnCard { known, _buffers: buffers, group, layout })
     }
 }
 
@@ -316,8 +334,13 @@ impl Ready {
 
     /// Asks `known` for light from now on, or nobody.
     fn ask(&mut self, known: Option<&Arc<dyn SecondaryLight>>) -> Result<(), GpuError> {
-        let before = self.light.as_ref().map(|light| &light.known);
-        if before.zip(known).map_or(before.is_none() && known.is_none(), |(a, b)| Arc::ptr_eq(a, b)) {
+        let before = self.light.as_ref().and_then(|light| light.known.as_ref());
+        let is_same = match (before, known) {
+            (Some(before), Some(known)) => Arc::ptr_eq(before, known),
+            (None, None) => self.light.is_none(),
+            _ => false,
+        };
+        if is_same {
             return Ok(());
         }
         let asked_before = self.light.is_some();
@@ -327,6 +350,11 @@ impl Ready {
         if asked_before == self.light.is_some() {
             return Ok(());
         }
+        self.choose_shade()
+    }
+
+    /// The step that asks for light, or the one that does not.
+    fn choose_shade(&mut self) -> Result<(), GpuError> {
         let compiled = self.session.shader_seconds();
         let mut layouts = vec![&*self.world.trees_layout, &*self.world.layout, &*self.places.layout];
         let constants = self.world.constants_of_shade(self.light.is_some());
@@ -443,6 +471,20 @@ impl GpuScene {
     /// Seconds that compiling shaders took, for pictures that are drawn by now.
     pub fn shader_seconds(&self) -> f64 {
         locked(&self.ready).as_ref().map_or(0.0, |ready| ready.shader_seconds)
+    }
+
+    /// Uploads all and compiles what pictures need, whether they ask for light or not, so that their first pass waits for
+    /// neither.
+    ///
+    /// Errors: what the card does not do.
+    pub fn make_ready(&self) -> Result<(), GpuError> {
+        let mut held = locked(&self.ready);
+        let ready = match &mut *held {
+            Some(ready) => ready,
+            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, SLICE_MIN)?),
+        };
+        ready.light = Some(LightOnCard::nothing(&ready.session)?);
+        ready.choose_shade()
     }
 
     fn is_software(&self) -> bool {
