@@ -268,11 +268,12 @@ impl<'a> Job<'a> {
 
     fn announce(&self) {
         eprintln!(
-            "rendering {} from {}, {}×{}, {} thread{}",
+            "rendering {} from {}, {}×{}, on the {}, {} thread{}",
             self.args.scene,
             self.camera.as_deref().unwrap_or("the front"),
             self.size.width(),
             self.size.height(),
+            if self.drawn_on.adapter().is_some() { "graphics card" } else { "CPU" },
             self.pool.current_num_threads(),
             if self.pool.current_num_threads() == 1 { "" } else { "s" },
         );

@@ -3,6 +3,7 @@
 
 use super::{Snapshot, Workshop};
 use crate::config::Config;
+use crate::graphics;
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
 use lumicast_engine::render::{Backend, Rendering};
 use lumicast_engine::technique::path::GpuScene;
@@ -26,14 +27,17 @@ impl Card {
         let gpu = match config.backend.as_str() {
             "gpu" => Some(Gpu::open(AdapterChoice::Any)?),
             // A driver that computes on the CPU would take the cores from what computes there faster.
-            "auto" => Gpu::open(AdapterChoice::Hardware)
-                .inspect_err(|error| tracing::info!(%error, "drawing on the CPU"))
+            "auto" if graphics::may_have_card() => Gpu::open(AdapterChoice::Hardware)
+                .inspect_err(|error| tracing::info!(%error, "no graphics card is used"))
                 .ok(),
             _ => None,
         };
-        if let Some(gpu) = &gpu {
-            let report = gpu.report();
-            tracing::info!(adapter = report.name, kind = %report.kind, api = report.api, "drawing on a graphics card");
+        match &gpu {
+            Some(gpu) => {
+                let report = gpu.report();
+                tracing::info!(adapter = report.name, kind = %report.kind, api = report.api, "drawing on a graphics card");
+            }
+            None => tracing::info!("drawing on the CPU"),
         }
         Ok(Card { gpu: gpu.map(Arc::new), is_given_up: AtomicBool::new(false) })
     }

@@ -12,6 +12,7 @@ use lumicast_engine::{
 };
 
 use super::{CliError, arguments::Backend};
+use crate::graphics;
 
 /// What draws a picture.
 pub(super) enum DrawnOn {
@@ -44,13 +45,13 @@ impl DrawnOn {
         }
     }
 
-    /// The faster one, found by drawing a little on each. Where no card is there nothing is said: that is how most servers are.
+    /// The faster one, found by drawing a little on each.
     fn tried(
         world: &Arc<World>,
         (view, size): (&CameraView, PictureSize),
         settings: &RenderSettings,
     ) -> DrawnOn {
-        if settings.draws_on_gpu().is_err() {
+        if settings.draws_on_gpu().is_err() || !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
         let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
