@@ -33,7 +33,7 @@ use std::{collections::HashMap, sync::Arc};
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 
-pub use instance::{Instance, SurfacePoint};
+pub use instance::{GAMMA_5, GAMMA_19, Instance, SurfacePoint};
 pub use instructions::Instructions;
 pub use ray::{Hit, Ray, TriangleId};
 pub use upload::{

@@ -32,6 +32,17 @@ const TEXTURE_SRGB: u32 = 16;
 /// … where the wraps of u and v begin, two bits each.
 const TEXTURE_WRAP_SHIFTS: [u32; 2] = [8, 10];
 
+/// What [`GpuTextureUse::flags`] is read by, under the names that steps have for it.
+pub const TEXTURE_FLAGS: [(&str, u32); 7] = [
+    ("TEXTURE_IS_THERE", TEXTURE_IS_THERE),
+    ("TEXTURE_SECOND_SET", TEXTURE_SECOND_SET),
+    ("TEXTURE_NEAREST", TEXTURE_NEAREST),
+    ("TEXTURE_FLOATS", TEXTURE_FLOATS),
+    ("TEXTURE_SRGB", TEXTURE_SRGB),
+    ("TEXTURE_WRAP_U_SHIFT", TEXTURE_WRAP_SHIFTS[0]),
+    ("TEXTURE_WRAP_V_SHIFT", TEXTURE_WRAP_SHIFTS[1]),
+];
+
 /// What the steps must know to read the rest; `SceneHeader` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -132,7 +143,7 @@ pub struct GpuTextureUse {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// See `TEXTURE_…` in this file.
+    /// See [`TEXTURE_FLAGS`].
     pub flags: u32,
     /// Nothing.
     pub padding_0: u32,
