@@ -4,6 +4,9 @@
 //! Knows no graphics interface. Every number is what the CPU works with, so that both draw the same surfaces: normals of
 //! triangles are those that were found in double precision, bytes are decoded by the same table, lights lie in the same tree.
 
+#[cfg(test)]
+mod tests;
+
 use std::{collections::HashMap, sync::Arc};
 
 use bytemuck::{Pod, Zeroable};
