@@ -11,6 +11,9 @@
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+#[cfg(test)]
+mod tests;
+
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
     time::Instant,
