@@ -94,7 +94,7 @@ fn glass_is_the_same_sample_for_sample() {
     }
 }
 
-/// A camera that stands in absorbing glass sees a ball in it and the world outside.
+/// A camera that stands in absorbing glass sees a ball in it, lit through glass, and the world outside.
 #[test]
 fn cameras_in_glass_see_the_same_sample_for_sample() {
     let Some(gpu) = shared() else { return };
@@ -107,6 +107,8 @@ fn cameras_in_glass_see_the_same_sample_for_sample() {
     );
     let matt = stage.material("matt", Material::lambert(Rgb::new(0.2, 0.8, 0.6))).unwrap();
     placed(&mut stage, "ball", samples::sphere(DVec3::new(-0.3, -0.3, -0.2), 0.3, 12, &matt));
+    let kind = LightKind::Point { intensity: Rgb::splat(0.5) };
+    lit_by(&mut stage, "point", DVec3::new(0.5, 0.6, 0.9), DVec3::Y, kind);
     let inside = CameraView::look_at(DVec3::new(0.2, 0.2, 1.2), DVec3::new(-0.1, -0.2, 0.0), DVec3::Y, 1.3);
     Shot { camera: inside, ..shot(stage.finish()) }.is_alike(&gpu, "in glass");
 }
