@@ -11,6 +11,9 @@
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+#[cfg(test)]
+mod tests;
+
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
     time::Instant,
@@ -24,8 +27,12 @@ use lumicast_shaders::{
 };
 use rayon::prelude::*;
 
-use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
+use super::{
+    CARD, PathSettings, PathTracer, View,
+    cpu::{BOUNCES_END, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+};
 use crate::{
+    accel::{GAMMA_5, GAMMA_19},
     film::{Film, PixelSample},
     gpu::{
         AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
@@ -33,9 +40,10 @@ use crate::{
     },
     math::{Rgb, sobol::PixelSampler},
     technique::{
-        Canvas, Card, Counts, Edit, GpuOctreeHeader, PackedLight, Progress, SecondaryLight, Step, Technique,
+        Canvas, Card, Counts, Edit, GpuOctreeHeader, LIKE_COS, PackedLight, Progress, SecondaryLight, Step,
+        Technique,
     },
-    transport::{PathClass, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
+    transport::{PathClass, TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
 
 /// Invocations of a workgroup.
@@ -169,7 +177,13 @@ impl GpuWorld {
             ("WORKGROUP", Constant::U32(WORKGROUP)),
             ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
             ("FLOAT_MAX", Constant::F32(f32::MAX)),
+            ("GAMMA_5", Constant::F32(GAMMA_5)),
+            ("GAMMA_19", Constant::F32(GAMMA_19)),
+            ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
+            ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
+            ("LIKE_COS", Constant::F32(LIKE_COS)),
         ];
+        constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
         constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
         let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
         Ok(GpuWorld { _trees: trees, trees_group, trees_layout, _buffers: buffers, group, layout, constants })
