@@ -11,6 +11,8 @@
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+mod step_clock;
+
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
     time::Instant,
@@ -24,9 +26,11 @@ use lumicast_shaders::{
 };
 use rayon::prelude::*;
 
+pub use step_clock::StepSeconds;
+
 use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
 use crate::{
-    film::{Film, PixelSample},
+    film::{Film, PictureSize, PixelSample},
     gpu::{
         AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
         Session,
