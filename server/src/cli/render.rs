@@ -177,11 +177,6 @@ impl<'a> Job<'a> {
         self.start.elapsed().as_secs_f64() - self.beside_seconds()
     }
 
-    /// Shaders are compiled when the first picture asks for them: in a trial, or in the first frame.
-    fn shader_seconds_in_frames(&self) -> f64 {
-        if self.args.backend == arguments::Backend::Gpu { self.drawn_on.shader_seconds() } else { 0.0 }
-    }
-
     /// Seconds of what is reported beside the work.
     fn beside_seconds(&self) -> f64 {
         self.load_seconds + self.drawn_on.shader_seconds()
@@ -273,7 +268,7 @@ impl<'a> Job<'a> {
             self.camera.as_deref().unwrap_or("the front"),
             self.size.width(),
             self.size.height(),
-            if self.drawn_on.adapter().is_some() { "graphics card" } else { "CPU" },
+            if self.drawn_on.adapter().is_some() { "GPU backend" } else { "CPU" },
             self.pool.current_num_threads(),
             if self.pool.current_num_threads() == 1 { "" } else { "s" },
         );
@@ -348,7 +343,7 @@ impl<'a> Job<'a> {
                 octree: light.octree_seconds,
                 gather: records.seconds,
                 caustics: caustics.seconds,
-                frame: outcome.frame_seconds - learning - caustics.seconds - self.shader_seconds_in_frames(),
+                frame: outcome.frame_seconds - learning - caustics.seconds,
                 shaders: self.drawn_on.shader_seconds(),
                 total: outcome.seconds + self.beside_seconds(),
                 ..Seconds::default()

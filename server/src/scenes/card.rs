@@ -94,7 +94,8 @@ impl SceneOnCard {
         let outcome = Arc::new(Mutex::new(None));
         (self.scene, self.outcome, self.is_ready) = (Some(Arc::clone(&scene)), Arc::clone(&outcome), false);
         let make_ready = move || {
-            let result = scene.make_ready();
+            // Most viewers look at light that is looked up.
+            let result = scene.make_ready(true);
             *super::lock(&outcome) = Some(result);
         };
         if let Err(error) = std::thread::Builder::new().name("card".into()).spawn(make_ready) {

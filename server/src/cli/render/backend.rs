@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use lumicast_engine::{
+    effects::EffectPlan,
     film::PictureSize,
     gpu::{AdapterChoice, AdapterReport, Gpu},
     render::{self, BackendTrial, RenderSettings, Rendering},
@@ -38,8 +39,10 @@ impl DrawnOn {
                     .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
                 // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
                 let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
-                eprintln!("drawing on {}", described(&gpu.report()));
-                Ok(DrawnOn::Gpu(Arc::new(GpuScene::new(Arc::new(gpu), world.clone()))))
+                eprintln!("drawing on {}: compiling shaders", described(&gpu.report()));
+                let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
+                scene.make_ready(asks(world, settings)).map_err(|error| unusable(&error))?;
+                Ok(DrawnOn::Gpu(scene))
             }
             Backend::Auto => Ok(DrawnOn::tried(world, (view, size), settings)),
         }
@@ -57,6 +60,11 @@ impl DrawnOn {
         let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
+        eprintln!("trying {name}: compiling shaders");
+        if let Err(error) = scene.make_ready(asks(world, settings)) {
+            eprintln!("drawing on the CPU, not on {name}: {error}");
+            return DrawnOn::Cpu;
+        }
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
@@ -113,6 +121,11 @@ impl DrawnOn {
             DrawnOn::Gpu(scene) => scene.bytes(),
         }
     }
+}
+
+/// Light that comes by way of other surfaces is looked up in such pictures.
+fn asks(world: &World, settings: &RenderSettings) -> bool {
+    settings.learns(&EffectPlan::of(world.scene())).is_some()
 }
 
 /// A card that cannot be used.

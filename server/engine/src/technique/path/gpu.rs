@@ -11,6 +11,7 @@
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+mod step_clock;
 #[cfg(test)]
 mod tests;
 
@@ -27,13 +28,15 @@ use lumicast_shaders::{
 };
 use rayon::prelude::*;
 
+pub use step_clock::StepSeconds;
+
 use super::{
     CARD, PathSettings, PathTracer, View,
     cpu::{BOUNCES_END, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
 };
 use crate::{
     accel::{GAMMA_5, GAMMA_19},
-    film::{Film, PixelSample},
+    film::{Film, PictureSize, PixelSample},
     gpu::{
         AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
         Session,
@@ -294,8 +297,12 @@ struct Ready {
     shade: Arc<Pipeline>,
     turn: Arc<Pipeline>,
     occluded: Arc<Pipeline>,
-    /// What `shade` asks for light.
+    /// The same step, where it asks for light; compiled when it first does.
+    shade_asking: Option<Arc<Pipeline>>,
+    /// What that asks.
     light: Option<LightOnCard>,
+    /// It is the one that runs.
+    asks: bool,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
     shader_seconds: f64,
 }
@@ -321,7 +328,9 @@ impl Ready {
             places,
             sizes,
             sizes_group,
+            shade_asking: None,
             light: None,
+            asks: false,
             world,
             shader_seconds: session.shader_seconds() - compiled,
             session,
@@ -346,41 +355,46 @@ impl Ready {
         Ok(())
     }
 
-    /// Asks `known` for light from now on, or nobody.
+    /// Asks `known` for light from now on, or nobody. What was known stays on the card until something else is: films that ask
+    /// and films that do not take turns.
     fn ask(&mut self, known: Option<&Arc<dyn SecondaryLight>>) -> Result<(), GpuError> {
-        let before = self.light.as_ref().and_then(|light| light.known.as_ref());
-        let is_same = match (before, known) {
-            (Some(before), Some(known)) => Arc::ptr_eq(before, known),
-            (None, None) => self.light.is_none(),
-            _ => false,
+        let Some(known) = known else {
+            self.asks = false;
+            return Ok(());
         };
-        if is_same {
-            return Ok(());
+        let before = self.light.as_ref().and_then(|light| light.known.as_ref());
+        if !before.is_some_and(|before| Arc::ptr_eq(before, known)) {
+            // The old light makes room first.
+            self.light = None;
+            self.light = Some(LightOnCard::new(&self.session, known)?);
         }
-        let asked_before = self.light.is_some();
-        // The old light makes room first.
-        self.light = None;
-        self.light = known.map(|known| LightOnCard::new(&self.session, known)).transpose()?;
-        if asked_before == self.light.is_some() {
-            return Ok(());
-        }
-        self.choose_shade()
+        self.be_able_to_ask()
     }
 
-    /// The step that asks for light, or the one that does not.
-    fn choose_shade(&mut self) -> Result<(), GpuError> {
-        let compiled = self.session.shader_seconds();
-        let mut layouts = vec![&*self.world.trees_layout, &*self.world.layout, &*self.places.layout];
-        let constants = self.world.constants_of_shade(self.light.is_some());
-        self.shade = match &self.light {
-            None => self.session.pipeline(&PATH_SHADE, &constants, &layouts)?,
-            Some(light) => {
-                layouts.push(&light.layout);
-                self.session.pipeline(&PATH_SHADE_BY_OCTREE, &constants, &layouts)?
-            }
-        };
-        self.shader_seconds += self.session.shader_seconds() - compiled;
-        self.use_first()
+    /// Goes on with the step that asks for light, which is compiled first where that was not done.
+    fn be_able_to_ask(&mut self) -> Result<(), GpuError> {
+        if self.light.is_none() {
+            self.light = Some(LightOnCard::nothing(&self.session)?);
+        }
+        self.asks = true;
+        if let (None, Some(light)) = (&self.shade_asking, &self.light) {
+            let compiled = self.session.shader_seconds();
+            let world = &self.world;
+            let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*light.layout];
+            let constants = world.constants_of_shade(true);
+            self.shade_asking = Some(self.session.pipeline(&PATH_SHADE_BY_OCTREE, &constants, &layouts)?);
+            self.shader_seconds += self.session.shader_seconds() - compiled;
+            self.use_first()?;
+        }
+        Ok(())
+    }
+
+    /// The step that shades, and the groups that it reads.
+    fn shading<'a>(&'a self, groups: &[&'a BindGroup; 3]) -> (&'a Pipeline, Vec<&'a BindGroup>) {
+        match (&self.shade_asking, &self.light) {
+            (Some(shade), Some(light)) if self.asks => (shade, [&groups[..], &[&light.group]].concat()),
+            _ => (&self.shade, groups.to_vec()),
+        }
     }
 
     /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
@@ -393,19 +407,18 @@ impl Ready {
     ) -> Result<(GpuCounters, crate::gpu::ReadBack), GpuError> {
         let mut batch = self.session.batch("paths")?;
         let groups = [&self.world.trees_group, &self.world.group, &self.places.group];
-        let mut shade_groups = groups.to_vec();
-        shade_groups.extend(self.light.as_ref().map(|light| &light.group));
+        let (shade, shade_groups) = self.shading(&groups);
         if done == 0 {
             self.session.write(&self.places.header, 0, bytemuck::bytes_of(header))?;
             let all = [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1];
             batch.dispatch(&self.begin, &groups, all)?;
             batch.dispatch(&self.closest, &groups, all)?;
-            batch.dispatch(&self.shade, &shade_groups, all)?;
+            batch.dispatch(shade, &shade_groups, all)?;
             self.turn(&mut batch, &groups)?;
         }
         for _ in u32::from(done == 0)..scatterings {
             batch.dispatch_indirect(&self.closest, &groups, &self.sizes, 0)?;
-            batch.dispatch_indirect(&self.shade, &shade_groups, &self.sizes, 0)?;
+            batch.dispatch_indirect(shade, &shade_groups, &self.sizes, 0)?;
             self.turn(&mut batch, &groups)?;
         }
         let counters = batch.read_back(&self.places.counters, 0..size_of::<GpuCounters>() as u64)?;
@@ -487,18 +500,18 @@ impl GpuScene {
         locked(&self.ready).as_ref().map_or(0.0, |ready| ready.shader_seconds)
     }
 
-    /// Uploads all and compiles what pictures need, whether they ask for light or not, so that their first pass waits for
-    /// neither.
+    /// Uploads all and compiles what pictures need, so that their first pass waits for neither.
+    ///
+    /// - `asks`: some ask a [`SecondaryLight`]
     ///
     /// Errors: what the card does not do.
-    pub fn make_ready(&self) -> Result<(), GpuError> {
+    pub fn make_ready(&self, asks: bool) -> Result<(), GpuError> {
         let mut held = locked(&self.ready);
         let ready = match &mut *held {
             Some(ready) => ready,
             nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, SLICE_MIN)?),
         };
-        ready.light = Some(LightOnCard::nothing(&ready.session)?);
-        ready.choose_shade()
+        if asks { ready.be_able_to_ask() } else { Ok(()) }
     }
 
     fn is_software(&self) -> bool {

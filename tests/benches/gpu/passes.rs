@@ -1,0 +1,138 @@
+//! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree for the rest.
+
+use std::{
+    error::Error,
+    sync::{Arc, atomic::AtomicBool},
+    time::Instant,
+};
+
+use lumicast_engine::{
+    film::{Film, PictureSize},
+    gpu::Gpu,
+    render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage},
+    technique::{
+        Canvas, Counts, Products, SecondaryLight, Step, Technique,
+        path::{GpuPathTracer, GpuScene, PathSettings, PathTracer, View},
+    },
+};
+
+use crate::{
+    figures::{Figure, SceneFigures, Unit},
+    median,
+    subject::Subject,
+};
+
+/// Passes before any counts: the card finds out how much of a picture it takes at a time, doubling it from slice to slice.
+const WARM_UP_PASSES: usize = 2;
+
+/// What a pass takes.
+struct Pass {
+    seconds: f64,
+    counts: Counts,
+}
+
+/// A picture that is drawn again and again.
+struct Drawing<'a> {
+    subject: &'a Subject,
+    view: View,
+    size: PictureSize,
+}
+
+/// Path tracing, its steps, and asking the octree. Both techniques are stepped as they are, so that nothing is measured of
+/// learning, of measuring errors or of choosing between films; caustics are those that the octree knows.
+pub(crate) fn measure(
+    subject: &Subject,
+    gpu: &Arc<Gpu>,
+    size: PictureSize,
+    rounds: usize,
+    figures: &mut SceneFigures<'_>,
+) -> Result<(), Box<dyn Error>> {
+    let view = View::new(&subject.world, &subject.view, size);
+    let drawing = Drawing { subject, view, size };
+    let scene = Arc::new(GpuScene::new(gpu.clone(), subject.world.clone()));
+    let settings = PathSettings::all(None, 0);
+    let tracer = PathTracer::new(settings);
+    let mut card = GpuPathTracer::new(Arc::clone(&scene), settings);
+    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, rounds)?;
+    push_rates(figures, &on_card, &on_cpu);
+    if let Some(steps) = card.step_seconds(&drawing.view, size)? {
+        let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
+        for (name, seconds) in steps.by_name() {
+            let share = Figure::new(format!("path tracing: share of {name}"), Unit::Percent, f64::NAN);
+            figures.push(Figure { gpu_device: Some(100.0 * seconds / all), gpu_wall: None, ..share });
+        }
+    }
+
+    let (known, learning_seconds) = drawing.learn();
+    let mut learning = Figure::new("light octree: learning", Unit::Seconds, f64::NAN);
+    (learning.gpu_wall, learning.cpu) = (None, Some(learning_seconds));
+    figures.push(learning);
+    let Some(known) = known else { return Ok(()) };
+    let tracer = PathTracer::with_secondary(settings, known);
+    card.draw_as(&tracer);
+    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, rounds)?;
+    push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
+    Ok(())
+}
+
+fn push_rates(figures: &mut SceneFigures<'_>, on_card: &Pass, on_cpu: &Pass) {
+    push_milliseconds(figures, "path-traced pass", on_card, on_cpu);
+    let paths = |pass: &Pass| pass.counts.paths as f64 * 1e-6 / pass.seconds;
+    let rays = |pass: &Pass| pass.counts.all_rays() as f64 * 1e-6 / pass.seconds;
+    let figure = Figure::new("path-traced pass", Unit::MillionPathsPerSecond, paths(on_card));
+    figures.push(Figure { cpu: Some(paths(on_cpu)), ..figure });
+    let figure = Figure::new("path-traced pass", Unit::MillionRaysPerSecond, rays(on_card));
+    figures.push(Figure { cpu: Some(rays(on_cpu)), ..figure });
+}
+
+fn push_milliseconds(figures: &mut SceneFigures<'_>, name: &str, on_card: &Pass, on_cpu: &Pass) {
+    let figure = Figure::new(name, Unit::Milliseconds, 1e3 * on_card.seconds);
+    figures.push(Figure { cpu: Some(1e3 * on_cpu.seconds), ..figure });
+}
+
+impl Drawing<'_> {
+    /// Medians of the card and of the CPU, which take turns.
+    fn compare(
+        &self,
+        card: &mut GpuPathTracer,
+        mut cpu: PathTracer,
+        rounds: usize,
+    ) -> Result<[Pass; 2], Box<dyn Error>> {
+        let mut films = [Film::new(self.size), Film::new(self.size)];
+        let (mut of_card, mut of_cpu) = (Vec::new(), Vec::new());
+        for round in 0..WARM_UP_PASSES + rounds {
+            let on_card = self.pass(card, &mut films[0]);
+            if let Some(error) = card.failure() {
+                return Err(error.clone().into());
+            }
+            let on_cpu = self.pass(&mut cpu, &mut films[1]);
+            if round >= WARM_UP_PASSES {
+                of_card.push(on_card);
+                of_cpu.push(on_cpu);
+            }
+        }
+        Ok([of_card, of_cpu].map(|passes| Pass {
+            seconds: median(passes.iter().map(|pass| pass.seconds).collect()),
+            counts: passes.first().map_or_else(Counts::default, |pass| pass.counts),
+        }))
+    }
+
+    fn pass(&self, technique: &mut dyn Technique, film: &mut Film) -> Pass {
+        let canvas = Some(Canvas { view: &self.view, film });
+        let (products, cancel) = (&mut Products::default(), &AtomicBool::new(false));
+        let start = Instant::now();
+        let progress = technique.step(&mut Step { world: &self.subject.world, products, canvas, cancel });
+        Pass { seconds: start.elapsed().as_secs_f64(), counts: progress.counts }
+    }
+
+    /// What `--indirect octree` knows of the light in the end, and the seconds that took.
+    fn learn(&self) -> (Option<Arc<dyn SecondaryLight>>, f64) {
+        let start = Instant::now();
+        let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
+        let mut illumination = Illumination::new(IlluminationSettings::of(&settings));
+        while illumination.stage() != Stage::Complete {
+            illumination.step(&self.subject.world, &AtomicBool::new(false));
+        }
+        (illumination.known().cloned(), start.elapsed().as_secs_f64())
+    }
+}

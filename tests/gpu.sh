@@ -1,0 +1,123 @@
+#!/usr/bin/env bash
+# Everything that only a machine with a graphics card can tell: finds the card, runs the GPU's tests on it, measures it beside
+# the CPU and holds pictures from both against each other. Writes one JSON file with all of it.
+#
+#   tests/gpu.sh [--software] [--out FILE] [--size WxH] [--rounds N]
+#
+#   --software    a driver that computes on the CPU (Mesa's lavapipe) may stand for a card
+#   --out FILE    where the JSON goes; gpu.json where the command is run, if left out
+#   --size WxH    size of measured passes; 1920x1080, with a software driver 640x360, if left out
+#   --rounds N    rounds of everything that is measured, of which the median counts; 5 if left out
+#   --help        this text
+#
+# Needs Rust and a driver for Vulkan, Metal or DirectX 12; installs nothing. Scenes are the built-in box and, where ../shared
+# is there, four of its scenes. Ends with 1 and names what failed if anything did; the rest is run and written all the same.
+set -uo pipefail
+started_in=$PWD
+cd "$(dirname "$0")/.." || exit 1
+
+help() { sed -n '2,/^set/p' "$0" | sed -e '/^set/d' -e 's/^# \{0,1\}//'; }
+refuse() { echo "error: $1 (--help lists what there is)" >&2; exit 2; }
+
+out=gpu.json software=() measured=()
+while [ $# -gt 0 ]; do
+    case "$1" in
+        --software) software=(--software) ;;
+        --out) out=${2:?--out: a file is missing}; shift ;;
+        --size | --rounds) measured+=("$1" "${2:?"$1": a value is missing}"); shift ;;
+        --help | -h) help; exit 0 ;;
+        *) refuse "$1: no such option" ;;
+    esac
+    shift
+done
+case "$out" in /*) ;; *) out=$started_in/$out ;; esac
+[ -d "$(dirname "$out")" ] || refuse "--out $out: there is no such folder"
+
+work=$(mktemp -d) || exit 1
+trap 'rm -rf "$work"' EXIT
+failures=()
+failed() { failures+=("$1"); echo "FAILED $1" >&2; }
+say() { printf '\n== %s\n' "$1" >&2; }
+# Between quotes of JSON.
+quoted() { printf '"%s"' "$(printf '%s' "$1" | tr '\n\t' '  ' | sed -e 's/\\/\\\\/g' -e 's/"/\\"/g')"; }
+
+# What drivers kept of shaders from earlier runs would make compiling look free: Mesa's and NVIDIA's stores are left out.
+bench() {
+    MESA_SHADER_CACHE_DISABLE=true __GL_SHADER_DISK_CACHE=0 \
+        cargo bench -q -p lumicast-tests --bench gpu -- ${software[@]+"${software[@]}"} "$@"
+}
+
+say "building"
+cargo build --release -q -p lumicast --bins && cargo bench -q --no-run -p lumicast-tests --bench gpu || {
+    echo "FAILED building" >&2
+    exit 1
+}
+lumicast=${CARGO_TARGET_DIR:-target}/release/lumicast
+
+say "the adapter"
+if ! adapter=$(bench adapter 2>"$work/adapter"); then
+    cat "$work/adapter" >&2
+    failed "finding an adapter"
+    printf '{"failed": ["finding an adapter"], "error": %s}\n' "$(quoted "$(cat "$work/adapter")")" >"$out"
+    exit 1
+fi
+echo "$adapter"
+case "$adapter" in *"(software,"*) is_software=yes ;; *) is_software=no ;; esac
+
+say "tests"
+tests_passed=true
+LUMICAST_GPU=required cargo test --release -p lumicast-shaders -p lumicast-engine gpu 2>&1 | tee "$work/tests" >&2
+[ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests"; }
+test_count=$(sed -n 's/^test result: .* \([0-9]*\) passed.*/\1/p' "$work/tests" | awk '{ sum += $1 } END { print sum + 0 }')
+[ "$test_count" -gt 0 ] || { tests_passed=false; failed "tests: none ran"; }
+
+say "pictures"
+scenes=(builtin:cornell-box)
+# As the bench finds it.
+shared=${LUMICAST_SHARED:-}
+for folder in ../shared ../../shared; do [ -n "$shared" ] || [ ! -d "$folder/scenes" ] || shared=$folder; done
+shared=${shared:-../shared}
+for file in sponza.glb sibenik.glb dragon-room.glb cornell-glass.glb; do
+    if [ -f "$shared/scenes/$file" ]; then scenes+=("$shared/scenes/$file"); else echo "SKIPPED $file: not in $shared/scenes" >&2; fi
+done
+# As many paths as a software driver traces in some seconds.
+if [ "$is_software" = yes ]; then picture=(--size 320x180 --samples 4); else picture=(--size 1280x720 --samples 64); fi
+: >"$work/pictures"
+for scene in "${scenes[@]}"; do
+    name=$(basename "$scene")
+    drawn=yes
+    for backend in gpu cpu; do
+        "$lumicast" render "$scene" "${picture[@]}" --backend "$backend" --out "$work/$backend.exr" >"$work/$backend.log" 2>&1 || {
+            drawn=no
+            cat "$work/$backend.log" >&2
+            failed "drawing $name on the $backend"
+        }
+    done
+    [ "$drawn" = yes ] || continue
+    bench compare "$name" "$work/gpu.exr" "$work/cpu.exr" >"$work/compared" || failed "picture of $name"
+    cat "$work/compared"
+    # Each on a line of its own, to be joined below.
+    cat "$work/compared" >>"$work/pictures"
+done
+
+say "measuring"
+LUMICAST_GPU_JSON="$work/bench" bench ${measured[@]+"${measured[@]}"} || { failed "bench"; }
+[ -s "$work/bench" ] || echo null >"$work/bench"
+
+{
+    printf '{\n"tests": {"passed": %s, "count": %s},\n' "$tests_passed" "$test_count"
+    printf '"pictures": [%s],\n' "$(paste -sd, "$work/pictures")"
+    printf '"picture_arguments": %s,\n' "$(quoted "${picture[*]}")"
+    printf '"failed": ['
+    separator=
+    for failure in ${failures[@]+"${failures[@]}"}; do printf '%s%s' "$separator" "$(quoted "$failure")"; separator=', '; done
+    printf '],\n"bench": '
+    cat "$work/bench"
+    printf '\n}\n'
+} >"$out" || { failed "writing $out"; }
+say "written to $out"
+
+if [ "${#failures[@]}" -gt 0 ]; then
+    printf 'FAILED: %s\n' "${failures[@]}" >&2
+    exit 1
+fi
