@@ -7,6 +7,6 @@ const DEVICE_FILES: [&str; 4] = ["/dev/dri", "/dev/nvidiactl", "/dev/kfd", "/dev
 
 /// False where the system has no graphics card for sure. Asking a graphics driver takes tens of milliseconds, and on machines
 /// without a screen Mesa complains about that on standard error: who did not ask for a card shall not read it.
-pub fn may_have_card() -> bool {
+pub(crate) fn may_have_card() -> bool {
     !cfg!(target_os = "linux") || DEVICE_FILES.iter().any(|file| Path::new(file).exists())
 }

@@ -37,8 +37,6 @@ struct LightSet {
 
 const NO_CELL: u32 = 0xffffffffu;
 const CELL_IS_LEAF: u32 = 0x80000000u;
-/// Cosine of the angle between a surface and a group from which on they are lit alike.
-const LIKE_COS: f32 = 0.3;
 
 struct ScatteredLight {
     indirect: vec3f,

@@ -1,10 +1,6 @@
 // Takes each path to the surface that its ray met: light seen there, a light sample for the shadow rays to come, and where
 // the path goes on. `cpu.rs`, `Tracer::advance`, without maps of caustics and records.
 
-/// Scatterings before Russian roulette may end a path, and its highest chance of going on.
-const ROULETTE_FREE_BOUNCES: u32 = 2u;
-const SURVIVAL_MAX: f32 = 0.998;
-
 @compute @workgroup_size(WORKGROUP)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= counters.ray_count {

@@ -37,6 +37,18 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("WORKGROUP", Constant::U32(64)),
     ("SMOOTH_ALPHA", Constant::F32(1e-3)),
     ("FLOAT_MAX", Constant::F32(f32::MAX)),
+    ("GAMMA_5", Constant::F32(3e-7)),
+    ("GAMMA_19", Constant::F32(1.1e-6)),
+    ("TEXTURE_IS_THERE", Constant::U32(1)),
+    ("TEXTURE_SECOND_SET", Constant::U32(2)),
+    ("TEXTURE_NEAREST", Constant::U32(4)),
+    ("TEXTURE_FLOATS", Constant::U32(8)),
+    ("TEXTURE_SRGB", Constant::U32(16)),
+    ("TEXTURE_WRAP_U_SHIFT", Constant::U32(8)),
+    ("TEXTURE_WRAP_V_SHIFT", Constant::U32(10)),
+    ("ROULETTE_FREE_BOUNCES", Constant::U32(2)),
+    ("SURVIVAL_MAX", Constant::F32(0.998)),
+    ("LIKE_COS", Constant::F32(0.3)),
 ];
 
 /// A file of WGSL, of which steps are made.

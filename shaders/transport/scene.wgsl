@@ -63,7 +63,7 @@ struct TextureUse {
     texels_at: u32,
     width: u32,
     height: u32,
-    /// 1: there is one; 2: second set of coordinates; 4: nearest texel; 8: floats; 16: sRGB; bits 8–9, 10–11: wrap of u, v.
+    /// `TEXTURE_…`.
     flags: u32,
     padding_0: u32,
     padding_1: u32,
@@ -208,10 +208,6 @@ fn surface_point(instance: u32, triangle: u32, b1: f32, b2: f32) -> SurfacePoint
     return SurfacePoint(position, n_geo, dot(bound, abs(n_geo)));
 }
 
-/// γₙ = nε/(1 − nε) with ε = 2⁻²⁴ [Higham2002, 3.1].
-const GAMMA_19: f32 = 1.13248953e-6;
-const GAMMA_5: f32 = 2.98023313e-7;
-
 /// Where a ray towards `direction` starts.
 fn origin_towards(point: SurfacePoint, direction: vec3f) -> vec3f {
     return point.position + point.n_geo * copysign(point.error_m, dot(direction, point.n_geo));
@@ -264,7 +260,7 @@ fn wrapped(coordinate: f32, size: u32, wrap: u32) -> u32 {
 }
 
 fn texel(at: u32, flags: u32, index: u32) -> vec4f {
-    if (flags & 8u) != 0u {
+    if (flags & TEXTURE_FLOATS) != 0u {
         let first = at + 4u * index;
         return vec4f(
             bitcast<f32>(texels[first]),
@@ -275,7 +271,7 @@ fn texel(at: u32, flags: u32, index: u32) -> vec4f {
     }
     let word = texels[at + index];
     let bytes = vec4u(word & 0xffu, (word >> 8u) & 0xffu, (word >> 16u) & 0xffu, word >> 24u);
-    if (flags & 16u) != 0u {
+    if (flags & TEXTURE_SRGB) != 0u {
         return vec4f(
             linear_of_srgb(bytes.x),
             linear_of_srgb(bytes.y),
@@ -292,19 +288,19 @@ fn sampled(material: u32, slot: u32, at: Interpolated, otherwise: vec4f) -> vec4
         return otherwise;
     }
     let flags = materials[material].textures[slot].flags;
-    if (flags & 1u) == 0u {
+    if (flags & TEXTURE_IS_THERE) == 0u {
         return otherwise;
     }
     let texture = materials[material].textures[slot];
-    let coordinate = select(at.texcoords_0, at.texcoords_1, (flags & 2u) != 0u);
+    let coordinate = select(at.texcoords_0, at.texcoords_1, (flags & TEXTURE_SECOND_SET) != 0u);
     var uv = texture.uv_x * coordinate.x + texture.uv_y * coordinate.y + texture.uv_offset;
     if !(abs(uv.x) < 1e9 && abs(uv.y) < 1e9) {
         uv = vec2f(0.0);
     }
-    let wrap_u = (flags >> 8u) & 3u;
-    let wrap_v = (flags >> 10u) & 3u;
+    let wrap_u = (flags >> TEXTURE_WRAP_U_SHIFT) & 3u;
+    let wrap_v = (flags >> TEXTURE_WRAP_V_SHIFT) & 3u;
     let size = vec2f(f32(texture.width), f32(texture.height));
-    if (flags & 4u) != 0u {
+    if (flags & TEXTURE_NEAREST) != 0u {
         let place = floor(uv * size);
         let column = wrapped(place.x, texture.width, wrap_u);
         let row = wrapped(place.y, texture.height, wrap_v);

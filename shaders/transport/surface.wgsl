@@ -18,7 +18,7 @@ fn emitted(instance: u32, triangle: u32, material: u32, weights: vec3f, from_fro
     if (flags & UNLIT) != 0u || is_black(emission) || !(from_front || (flags & TWO_SIDED) != 0u) {
         return vec3f(0.0);
     }
-    if !HAS_TEXTURES || (materials[material].textures[EMISSION].flags & 1u) == 0u {
+    if !HAS_TEXTURES || (materials[material].textures[EMISSION].flags & TEXTURE_IS_THERE) == 0u {
         return emission;
     }
     let at = interpolated(instance, corners_of(instance, triangle), weights);
@@ -78,7 +78,7 @@ fn shading_normal(
             n = normalize_or(normal_to_render(instance, a * weights.x + b * weights.y + c * weights.z), n_geo);
         }
     }
-    if !HAS_TEXTURES || (materials[material].textures[NORMAL].flags & 1u) == 0u {
+    if !HAS_TEXTURES || (materials[material].textures[NORMAL].flags & TEXTURE_IS_THERE) == 0u {
         return n;
     }
     let texel = sampled(material, NORMAL, at, vec4f(0.5, 0.5, 1.0, 1.0));
@@ -93,7 +93,7 @@ fn shading_normal(
             + geometry_vec4(tangents_at, corners.z).xyz * weights.z;
         handedness = select(1.0, -1.0, first.w < 0.0);
     } else {
-        let is_second_set = (materials[material].textures[NORMAL].flags & 2u) != 0u;
+        let is_second_set = (materials[material].textures[NORMAL].flags & TEXTURE_SECOND_SET) != 0u;
         let texcoords_at = select(placements[instance].texcoords_0_at, placements[instance].texcoords_1_at, is_second_set);
         if texcoords_at == ABSENT {
             return n;

@@ -1,15 +1,57 @@
 //! Small pictures by every technique, with a bound on how long they may take.
 
 use std::num::{NonZeroU32, NonZeroUsize};
-use std::sync::{Arc, atomic::AtomicBool};
+use std::sync::{Arc, OnceLock, atomic::AtomicBool};
 use std::time::{Duration, Instant};
 
 use lumicast_engine::film::PictureSize;
-use lumicast_engine::render::{IlluminationSettings, Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::gpu::{AdapterChoice, Gpu};
+use lumicast_engine::render::{Backend, IlluminationSettings, Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 
-pub(crate) const TECHNIQUES: [Indirect; 4] =
-    [Indirect::Path, Indirect::Octree, Indirect::Irradiance, Indirect::Auto];
+/// A technique on a backend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Technique {
+    pub(crate) indirect: Indirect,
+    pub(crate) backend: Backend,
+}
+
+/// Those of the CPU first.
+pub(crate) const TECHNIQUES: [Technique; 6] = [
+    Technique::on_cpu(Indirect::Path),
+    Technique::on_cpu(Indirect::Octree),
+    Technique::on_cpu(Indirect::Irradiance),
+    Technique::on_cpu(Indirect::Auto),
+    Technique { indirect: Indirect::Path, backend: Backend::Gpu },
+    Technique { indirect: Indirect::Octree, backend: Backend::Gpu },
+];
+
+impl Technique {
+    pub(crate) const fn on_cpu(indirect: Indirect) -> Technique {
+        Technique { indirect, backend: Backend::Cpu }
+    }
+}
+
+/// Those that can be had: without a graphics adapter, which `LUMICAST_GPU=required` does not forgive, the ones of the CPU.
+pub(crate) fn techniques() -> impl Iterator<Item = Technique> {
+    TECHNIQUES.into_iter().filter(|technique| technique.backend == Backend::Cpu || gpu().is_some())
+}
+
+/// The adapter, opened once.
+fn gpu() -> Option<&'static Arc<Gpu>> {
+    static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();
+    GPU.get_or_init(|| match Gpu::open(AdapterChoice::Any) {
+        Ok(gpu) => Some(Arc::new(gpu)),
+        Err(error) => {
+            let is_required = std::env::var("LUMICAST_GPU").is_ok_and(|value| value == "required");
+            assert!(!is_required, "LUMICAST_GPU=required, and {error}");
+            eprintln!("SKIPPED on graphics cards: {error}");
+            None
+        }
+    })
+    .as_ref()
+}
 
 /// Steps after which a picture counts as one without end: the longest take some thousand.
 const STEPS_MAX: u32 = 100_000;
@@ -31,7 +73,7 @@ pub(crate) struct Effort {
 /// What is drawn, but for the scene.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Drawn {
-    pub(crate) indirect: Indirect,
+    pub(crate) technique: Technique,
     pub(crate) seed: u64,
     pub(crate) bounces_max: Option<u32>,
 }
@@ -41,13 +83,14 @@ pub(crate) struct Drawn {
 /// # Errors
 /// When it comes to no end, in words.
 pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Rendering, String> {
-    let learning = match of.indirect {
+    let Drawn { technique: Technique { indirect, backend }, seed, bounces_max } = of;
+    let learning = match indirect {
         // The chain is one only if it draws while it learns.
         Indirect::Auto => Learning::InStep,
         _ => Learning::First,
     };
-    let Drawn { indirect, seed, bounces_max } = of;
-    let settings = RenderSettings { indirect, seed, bounces_max, learning, ..RenderSettings::default() };
+    let settings =
+        RenderSettings { indirect, backend, seed, bounces_max, learning, ..RenderSettings::default() };
     let mut light = IlluminationSettings::of(&settings);
     light.photons.emitted_count = effort.photons;
     light.octree.photon_count = effort.photons;
@@ -57,11 +100,18 @@ pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Ren
     let view = world.scene().camera_view(None).ok_or("the scene has no camera")?;
     let size = PictureSize::new(effort.side, effort.side).map_err(|error| error.to_string())?;
     let mut rendering = Rendering::learning_by((world.clone(), light), view, size, settings);
+    if let (Backend::Gpu, Some(gpu)) = (backend, gpu()) {
+        let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(world)));
+        rendering.draw_on(scene).map_err(|error| error.to_string())?;
+    }
     let (start, never) = (Instant::now(), AtomicBool::new(false));
     let mut steps = 0;
     while rendering.passes() < effort.passes || !rendering.is_whole() || !rendering.knows_its_light() {
         rendering.step(&never);
         steps += 1;
+        if let Some(error) = rendering.gpu_failure() {
+            return Err(error.to_string());
+        }
         if steps > STEPS_MAX || start.elapsed() > effort.patience {
             let (taken, passes) = (start.elapsed(), rendering.passes());
             return Err(format!("no end after {steps} steps, {taken:.1?} and {passes} passes"));
@@ -70,12 +120,15 @@ pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Ren
     Ok(rendering)
 }
 
-pub(crate) fn name(indirect: Indirect) -> &'static str {
-    match indirect {
-        Indirect::Auto => "auto",
-        Indirect::Path => "path",
-        Indirect::Octree => "octree",
-        Indirect::Irradiance => "irradiance",
-        Indirect::None => "none",
+pub(crate) fn name(technique: Technique) -> &'static str {
+    match (technique.indirect, technique.backend) {
+        (Indirect::Auto, Backend::Cpu) => "auto",
+        (Indirect::Path, Backend::Cpu) => "path",
+        (Indirect::Octree, Backend::Cpu) => "octree",
+        (Indirect::Irradiance, _) => "irradiance",
+        (Indirect::None, _) => "none",
+        (Indirect::Auto, Backend::Gpu) => "auto, gpu",
+        (Indirect::Path, Backend::Gpu) => "path, gpu",
+        (Indirect::Octree, Backend::Gpu) => "octree, gpu",
     }
 }

@@ -10,7 +10,7 @@ use lumicast_engine::scene::{LightKind, Material};
 use lumicast_engine::transport::World;
 
 use crate::draft::{Draft, matt, metal, v};
-use crate::drawing::{Drawn, Effort, draw};
+use crate::drawing::{Drawn, Effort, Technique, draw};
 use crate::hostile::{Case, check, on_threads};
 
 /// Holds a case against all that is demanded of hostile scenes.
@@ -35,7 +35,7 @@ fn octree_in_a_room(walls: Material, has_chip: bool) -> Rendering {
     }
     room.light("point", v(0.0, 2.0, 0.0), -glam::DVec3::Y, LightKind::Point { intensity: Rgb::WHITE });
     let world = Arc::new(World::prepare(Arc::new(room.build().expect("a scene"))));
-    let of = Drawn { indirect: Indirect::Octree, seed: 0, bounces_max: None };
+    let of = Drawn { technique: Technique::on_cpu(Indirect::Octree), seed: 0, bounces_max: None };
     let patience = Duration::from_secs(60);
     let effort = Effort { side: 8, passes: 1, photons: 20_000, neighbours: 16, rays: 16, patience };
     draw(&world, of, &effort).expect("an end")

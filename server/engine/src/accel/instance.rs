@@ -14,6 +14,11 @@ const fn gamma(n: f32) -> f32 {
     e / (1.0 - e)
 }
 
+/// γ₅.
+pub const GAMMA_5: f32 = gamma(5.0);
+/// γ₁₉.
+pub const GAMMA_19: f32 = gamma(19.0);
+
 /// A mesh placed by a node.
 #[derive(Debug)]
 pub struct Instance {
@@ -220,8 +225,8 @@ impl Instance {
         // goes through the inverse transform, which costs as much again [Pharr2016, 3.9.4]; and the triangle test itself
         // rounds by 8 on the triangle's extent. The start is rounded once more when it is moved off.
         let extent = v0.abs().max(v1.abs()).max(v2.abs());
-        let bound = self.absolute * (extent * gamma(19.0))
-            + (self.centre_in_render.abs() + position.abs()) * gamma(5.0);
+        let bound =
+            self.absolute * (extent * GAMMA_19) + (self.centre_in_render.abs() + position.abs()) * GAMMA_5;
         SurfacePoint { position, n_geo, error_m: bound.dot(n_geo.abs()), on: TriangleId::NONE }
     }
 

@@ -33,7 +33,7 @@ use std::{collections::HashMap, sync::Arc};
 use fearless_simd::Level;
 use glam::{DVec3, Vec3};
 
-pub use instance::{Instance, SurfacePoint};
+pub use instance::{GAMMA_5, GAMMA_19, Instance, SurfacePoint};
 pub use instructions::Instructions;
 pub use ray::{Hit, Ray, TriangleId};
 pub use upload::{
@@ -121,7 +121,7 @@ impl Accel {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "gpu"))]
 pub(crate) use upload::{tests as upload_tests, twin as upload_twin};
 #[cfg(test)]
 pub(crate) mod tests;

@@ -22,7 +22,7 @@ pub use light::{
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use upload::{
-    GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse, WorldBuffers,
-    WorldFeatures,
+    GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse, TEXTURE_FLAGS,
+    WorldBuffers, WorldFeatures,
 };
 pub use world::{ShadowRay, World, WorldReport};

@@ -4,6 +4,9 @@
 //! Knows no graphics interface. Every number is what the CPU works with, so that both draw the same surfaces: normals of
 //! triangles are those that were found in double precision, bytes are decoded by the same table, lights lie in the same tree.
 
+#[cfg(test)]
+mod tests;
+
 use std::{collections::HashMap, sync::Arc};
 
 use bytemuck::{Pod, Zeroable};
@@ -31,6 +34,17 @@ const TEXTURE_FLOATS: u32 = 8;
 const TEXTURE_SRGB: u32 = 16;
 /// … where the wraps of u and v begin, two bits each.
 const TEXTURE_WRAP_SHIFTS: [u32; 2] = [8, 10];
+
+/// What [`GpuTextureUse::flags`] is read by, under the names that steps have for it.
+pub const TEXTURE_FLAGS: [(&str, u32); 7] = [
+    ("TEXTURE_IS_THERE", TEXTURE_IS_THERE),
+    ("TEXTURE_SECOND_SET", TEXTURE_SECOND_SET),
+    ("TEXTURE_NEAREST", TEXTURE_NEAREST),
+    ("TEXTURE_FLOATS", TEXTURE_FLOATS),
+    ("TEXTURE_SRGB", TEXTURE_SRGB),
+    ("TEXTURE_WRAP_U_SHIFT", TEXTURE_WRAP_SHIFTS[0]),
+    ("TEXTURE_WRAP_V_SHIFT", TEXTURE_WRAP_SHIFTS[1]),
+];
 
 /// What the steps must know to read the rest; `SceneHeader` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -132,7 +146,7 @@ pub struct GpuTextureUse {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// See `TEXTURE_…` in this file.
+    /// See [`TEXTURE_FLAGS`].
     pub flags: u32,
     /// Nothing.
     pub padding_0: u32,

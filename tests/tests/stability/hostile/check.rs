@@ -12,7 +12,7 @@ use lumicast_engine::transport::{PathClass, World};
 use lumicast_tests::mean;
 
 use super::case::Case;
-use crate::drawing::{Drawn, Effort, TECHNIQUES, draw, name};
+use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, draw, name, techniques};
 
 /// A small picture of a case takes some tenths of a second.
 const EFFORT: Effort = Effort {
@@ -75,12 +75,12 @@ pub(crate) fn check(case: &Case) -> Result<[Checked; TECHNIQUES.len()], String> 
     };
     let mut all = [Checked::default(); TECHNIQUES.len()];
     let mut failures = Vec::new();
-    for (checked, indirect) in all.iter_mut().zip(TECHNIQUES) {
+    for (checked, technique) in all.iter_mut().zip(techniques()) {
         let mut seen = |result: Result<(), String>| {
-            failures.extend(result.err().map(|error| format!("{}: {error}", name(indirect))))
+            failures.extend(result.err().map(|error| format!("{}: {error}", name(technique))))
         };
-        seen(subject.is_sound(indirect, checked));
-        seen(subject.is_as_bright_as_paths_find(indirect, checked));
+        seen(subject.is_sound(technique, checked));
+        seen(subject.is_as_bright_as_paths_find(technique, checked));
     }
     if failures.is_empty() { Ok(all) } else { Err(failures.join("\n    ")) }
 }
@@ -95,15 +95,15 @@ struct Subject<'a> {
 }
 
 impl Subject<'_> {
-    fn draw(&self, indirect: Indirect, seed: u64, effort: &Effort) -> Result<Rendering, String> {
-        let of = Drawn { indirect, seed, bounces_max: self.case.bounces_max };
+    fn draw(&self, technique: Technique, seed: u64, effort: &Effort) -> Result<Rendering, String> {
+        let of = Drawn { technique, seed, bounces_max: self.case.bounces_max };
         let effort = Effort { photons: effort.photons / EFFORT.photons * self.case.photons, ..*effort };
         caught(|| draw(self.world, of, &effort))
     }
 
     /// One picture of it ends, and has nothing in it that cannot be.
-    fn is_sound(&self, indirect: Indirect, checked: &mut Checked) -> Result<(), String> {
-        let rendering = self.draw(indirect, 0, &EFFORT)?;
+    fn is_sound(&self, technique: Technique, checked: &mut Checked) -> Result<(), String> {
+        let rendering = self.draw(technique, 0, &EFFORT)?;
         let picture = rendering.picture();
         let radiance = picture.radiance();
         checked.drawn += 1;
@@ -146,18 +146,18 @@ impl Subject<'_> {
         }
         if self.case.seed.is_multiple_of(CASES_THREADED) {
             checked.threaded += 1;
-            let of_two = on_threads(2, || self.draw(indirect, 0, &EFFORT))?;
+            let of_two = on_threads(2, || self.draw(technique, 0, &EFFORT))?;
             if of_two.picture().radiance() != radiance {
                 return Err("two threads draw another picture than one".into());
             }
         }
-        self.is_not_too_bright(&radiance, indirect, checked)
+        self.is_not_too_bright(&radiance, technique, checked)
     }
 
     fn is_not_too_bright(
         &self,
         radiance: &[Rgb],
-        indirect: Indirect,
+        technique: Technique,
         checked: &mut Checked,
     ) -> Result<(), String> {
         let Some(most) = self.radiance_max else { return Ok(()) };
@@ -167,7 +167,7 @@ impl Subject<'_> {
         }
         // A mean of few samples may be above by chance.
         checked.again += 1;
-        let found = self.mean(indirect, &harder())?;
+        let found = self.mean(technique, &harder())?;
         let allowed = (1.0 + ABOVE_MAX) * most + 6.0 * found.standard_error();
         if found.mean() > allowed {
             return Err(format!("mean {:.4e} where no surface can show more than {most:.4e}", found.mean()));
@@ -176,23 +176,26 @@ impl Subject<'_> {
     }
 
     /// Looked-up light is about what path tracing finds, where a few paths find it.
-    fn is_as_bright_as_paths_find(&self, indirect: Indirect, checked: &mut Checked) -> Result<(), String> {
+    fn is_as_bright_as_paths_find(&self, technique: Technique, checked: &mut Checked) -> Result<(), String> {
         let is_asked = self.case.is_comparable && !self.is_dark;
-        if !is_asked || indirect == Indirect::Path || EffectPlan::of(self.world.scene()).facts.hides_light() {
+        if !is_asked
+            || technique == Technique::on_cpu(Indirect::Path)
+            || EffectPlan::of(self.world.scene()).facts.hides_light()
+        {
             return Ok(());
         }
         checked.compared += 1;
-        let mut off = self.off_from_paths(indirect, &EFFORT)?;
+        let mut off = self.off_from_paths(technique, &EFFORT)?;
         if off.is_some() {
             checked.again += 1;
-            off = self.off_from_paths(indirect, &harder())?;
+            off = self.off_from_paths(technique, &harder())?;
         }
         off.map_or(Ok(()), Err)
     }
 
-    fn off_from_paths(&self, indirect: Indirect, effort: &Effort) -> Result<Option<String>, String> {
-        let expected = self.mean(Indirect::Path, effort)?;
-        let found = self.mean(indirect, effort)?;
+    fn off_from_paths(&self, technique: Technique, effort: &Effort) -> Result<Option<String>, String> {
+        let expected = self.mean(Technique::on_cpu(Indirect::Path), effort)?;
+        let found = self.mean(technique, effort)?;
         let chance = 6.0 * expected.standard_error().hypot(found.standard_error());
         let off = (found.mean() - expected.mean()).abs();
         let is_near = off <= BIAS_MAX * expected.mean() + chance;
@@ -205,10 +208,10 @@ impl Subject<'_> {
         }))
     }
 
-    fn mean(&self, indirect: Indirect, effort: &Effort) -> Result<RunningStatistics, String> {
+    fn mean(&self, technique: Technique, effort: &Effort) -> Result<RunningStatistics, String> {
         let mut means = RunningStatistics::default();
         for seed in 1..=PICTURES {
-            means.add(mean(&self.draw(indirect, seed, effort)?.picture().radiance()));
+            means.add(mean(&self.draw(technique, seed, effort)?.picture().radiance()));
         }
         Ok(means)
     }
@@ -309,11 +312,15 @@ fn checks_see_what_is_wrong() {
     let most = radiance_max(world.scene()).expect("a furnace has a bound");
     assert!(radiance_max(lit.scene()).is_none() && !is_dark(world.scene()));
     let subject = |is_dark, radiance_max| Subject { case: &furnace, world: &world, is_dark, radiance_max };
-    for indirect in TECHNIQUES {
+    for technique in techniques() {
         let checked = &mut Checked::default();
-        assert_eq!(subject(false, Some(most)).is_sound(indirect, checked), Ok(()), "{}", name(indirect));
-        assert!(subject(true, None).is_sound(indirect, checked).is_err(), "{}", name(indirect));
-        assert!(subject(false, Some(0.7 * most)).is_sound(indirect, checked).is_err(), "{}", name(indirect));
+        assert_eq!(subject(false, Some(most)).is_sound(technique, checked), Ok(()), "{}", name(technique));
+        assert!(subject(true, None).is_sound(technique, checked).is_err(), "{}", name(technique));
+        assert!(
+            subject(false, Some(0.7 * most)).is_sound(technique, checked).is_err(),
+            "{}",
+            name(technique)
+        );
     }
     assert_eq!(caught(|| -> Result<(), String> { panic!("at {}", 7) }), Err("panics: at 7".to_string()));
 }

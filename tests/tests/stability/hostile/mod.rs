@@ -19,7 +19,7 @@ use std::time::{Duration, Instant};
 
 pub(crate) use self::case::Case;
 pub(crate) use self::check::{Checked, check, on_threads};
-use crate::drawing::{TECHNIQUES, name};
+use crate::drawing::{TECHNIQUES, name, techniques};
 
 /// Cases of a run by default, half a minute on two cores, and with `LUMICAST_NIGHTLY=1`.
 const CASES: [u64; 2] = [60, 500];
@@ -156,11 +156,11 @@ impl std::fmt::Display for Tally {
             "{:<12} {:>6} {:>6} {:>8} {:>9} {:>8} {:>9} {:>6}",
             "technique", "drawn", "dark", "bounded", "measured", "threads", "compared", "again"
         )?;
-        for (checked, indirect) in self.checked.iter().zip(TECHNIQUES) {
+        for (checked, technique) in self.checked.iter().zip(techniques()) {
             writeln!(
                 f,
                 "{:<12} {:>6} {:>6} {:>8} {:>9} {:>8} {:>9} {:>6}",
-                name(indirect),
+                name(technique),
                 checked.drawn,
                 checked.dark,
                 checked.bounded,

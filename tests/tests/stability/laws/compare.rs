@@ -4,11 +4,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use lumicast_engine::math::{Rgb, RunningStatistics};
-use lumicast_engine::render::Indirect;
 use lumicast_engine::transport::World;
 
 use crate::draft::Draft;
-use crate::drawing::{Drawn, Effort, draw, name};
+use crate::drawing::{Drawn, Effort, Technique, draw, name};
 
 /// Pictures of each kind, with seeds of their own.
 const PICTURES: u64 = 3;
@@ -30,7 +29,7 @@ pub(super) const EFFORT: Effort = Effort {
 /// Pictures of one scene by one technique, seed by seed.
 #[derive(Clone, Debug)]
 pub(super) struct Pictures {
-    pub(super) indirect: Indirect,
+    pub(super) technique: Technique,
     pub(super) radiance: Vec<Vec<Rgb>>,
 }
 
@@ -42,22 +41,22 @@ pub(super) struct Tolerance {
 }
 
 impl Pictures {
-    pub(super) fn of(draft: &Draft, indirect: Indirect) -> Pictures {
+    pub(super) fn of(draft: &Draft, technique: Technique) -> Pictures {
         let scene = draft.build().unwrap_or_else(|error| panic!("{error}"));
         let world = Arc::new(World::prepare(Arc::new(scene)));
         let picture = |seed| {
-            let rendering = draw(&world, Drawn { indirect, seed, bounces_max: None }, &EFFORT)
-                .unwrap_or_else(|error| panic!("{}: {error}", name(indirect)));
-            assert_eq!(rendering.dropped_samples(), 0, "{}", name(indirect));
+            let rendering = draw(&world, Drawn { technique, seed, bounces_max: None }, &EFFORT)
+                .unwrap_or_else(|error| panic!("{}: {error}", name(technique)));
+            assert_eq!(rendering.dropped_samples(), 0, "{}", name(technique));
             rendering.picture().radiance()
         };
-        Pictures { indirect, radiance: (0..PICTURES).map(picture).collect() }
+        Pictures { technique, radiance: (0..PICTURES).map(picture).collect() }
     }
 
     pub(super) fn plus(&self, other: &Pictures) -> Pictures {
         let added = |(a, b): (&Vec<Rgb>, &Vec<Rgb>)| a.iter().zip(b).map(|(a, b)| *a + *b).collect();
         let radiance = self.radiance.iter().zip(&other.radiance).map(added).collect();
-        Pictures { indirect: self.indirect, radiance }
+        Pictures { technique: self.technique, radiance }
     }
 
     /// Mean over all pictures, and its standard error.
@@ -106,7 +105,7 @@ impl Pictures {
         let worst = off.iter().fold(0.0f64, |worst, off| worst.max(off.abs()));
         let found = format!(
             "{}: mean off by {:+.4} (chance {whole_chance:.4}, allowed {}), worst block by {worst:.4} (chance {chance:.4}, allowed {})",
-            name(self.indirect),
+            name(self.technique),
             whole.mean(),
             tolerance.whole,
             tolerance.block

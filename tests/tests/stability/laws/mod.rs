@@ -16,7 +16,7 @@ use lumicast_engine::transport::World;
 use self::compare::{EFFORT, Pictures, Tolerance};
 use self::room::{LitBy, carpeted, exchange, furnace, lit_by, permuted, placed, room, split, twice};
 use crate::draft::{Draft, Similarity, v};
-use crate::drawing::{Drawn, Effort, TECHNIQUES, draw, name};
+use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, draw, name, techniques};
 
 /// How many of a law's scenes are taken by default, and how many with `LUMICAST_NIGHTLY=1`.
 fn at_night(by_default: usize, nightly: usize) -> usize {
@@ -24,17 +24,17 @@ fn at_night(by_default: usize, nightly: usize) -> usize {
 }
 
 /// The room's pictures, which most laws compare with.
-fn original(indirect: Indirect) -> &'static Pictures {
+fn original(technique: Technique) -> &'static Pictures {
     static PICTURES: [OnceLock<Pictures>; TECHNIQUES.len()] = [const { OnceLock::new() }; TECHNIQUES.len()];
-    let at = TECHNIQUES.iter().position(|technique| *technique == indirect).expect("a technique");
-    PICTURES[at].get_or_init(|| Pictures::of(&room(), indirect))
+    let at = TECHNIQUES.iter().position(|other| *other == technique).expect("a technique");
+    PICTURES[at].get_or_init(|| Pictures::of(&room(), technique))
 }
 
 /// Where only rounding differs and every number is drawn as before, paths and photons do as before but for a few that end on the
 /// other side of an edge. Records are named by their places, so that in another scale they draw other numbers: that is noise, and
 /// a percent is left to it where it is the same over a block.
-fn rounding(indirect: Indirect) -> Tolerance {
-    match indirect {
+fn rounding(technique: Technique) -> Tolerance {
+    match technique.indirect {
         Indirect::Path => Tolerance { whole: 0.002, block: 0.01 },
         Indirect::Octree => Tolerance { whole: 0.005, block: 0.02 },
         _ => Tolerance { whole: 0.01, block: 0.04 },
@@ -43,8 +43,8 @@ fn rounding(indirect: Indirect) -> Tolerance {
 
 /// Where cells of the octree lie elsewhere or lights are sampled otherwise, as well: it blurs light over cells, and the others ask
 /// it for light that arrives.
-fn resampling(indirect: Indirect) -> Tolerance {
-    match indirect {
+fn resampling(technique: Technique) -> Tolerance {
+    match technique.indirect {
         Indirect::Path => Tolerance { whole: 0.005, block: 0.02 },
         Indirect::Octree => Tolerance { whole: 0.015, block: 0.08 },
         _ => Tolerance { whole: 0.015, block: 0.06 },
@@ -52,12 +52,12 @@ fn resampling(indirect: Indirect) -> Tolerance {
 }
 
 /// Compares the room with scenes that must look like it, by every technique.
-fn look_like_the_room(law: &str, scenes: &[(String, Draft)], tolerance: fn(Indirect) -> Tolerance) {
+fn look_like_the_room(law: &str, scenes: &[(String, Draft)], tolerance: fn(Technique) -> Tolerance) {
     let mut failures = Vec::new();
     for (what, scene) in scenes {
         println!("{law}, {what}");
-        for indirect in TECHNIQUES {
-            let found = original(indirect).differ(&Pictures::of(scene, indirect), tolerance(indirect));
+        for technique in techniques() {
+            let found = original(technique).differ(&Pictures::of(scene, technique), tolerance(technique));
             failures.extend(found.map(|found| format!("{what}: {found}")));
         }
     }
@@ -118,11 +118,11 @@ fn law_things_in_one_place_look_like_one() {
 #[test]
 fn known_lamps_in_one_place_light_twice() {
     let lit = twice(|name| name.starts_with("lamp"));
-    for indirect in TECHNIQUES {
-        let share = Pictures::of(&lit, indirect).mean().mean() / original(indirect).mean().mean();
-        println!("lamps in one place: {} {share:.3} times as bright", name(indirect));
+    for technique in techniques() {
+        let share = Pictures::of(&lit, technique).mean().mean() / original(technique).mean().mean();
+        println!("lamps in one place: {} {share:.3} times as bright", name(technique));
         // Twice all but what the point light brings and what is seen of the lamp.
-        assert!((1.5..1.95).contains(&share), "{}: {share}", name(indirect));
+        assert!((1.5..1.95).contains(&share), "{}: {share}", name(technique));
     }
 }
 
@@ -131,15 +131,15 @@ fn known_lamps_in_one_place_light_twice() {
 #[test]
 fn known_floors_in_one_plane_darken_the_octree() {
     let in_one_plane = carpeted(0.0);
-    for (indirect, range) in [
-        (Indirect::Path, 0.995..1.005),
-        (Indirect::Octree, 0.85..0.95),
-        (Indirect::Irradiance, 0.96..1.0),
-        (Indirect::Auto, 0.96..1.0),
+    for (technique, range) in [
+        (Technique::on_cpu(Indirect::Path), 0.995..1.005),
+        (Technique::on_cpu(Indirect::Octree), 0.85..0.95),
+        (Technique::on_cpu(Indirect::Irradiance), 0.96..1.0),
+        (Technique::on_cpu(Indirect::Auto), 0.96..1.0),
     ] {
-        let share = Pictures::of(&in_one_plane, indirect).mean().mean() / original(indirect).mean().mean();
-        println!("floors in one plane: {} {share:.3} times as bright", name(indirect));
-        assert!(range.contains(&share), "{}: {share}", name(indirect));
+        let share = Pictures::of(&in_one_plane, technique).mean().mean() / original(technique).mean().mean();
+        println!("floors in one plane: {} {share:.3} times as bright", name(technique));
+        assert!(range.contains(&share), "{}: {share}", name(technique));
     }
 }
 
@@ -147,19 +147,19 @@ fn known_floors_in_one_plane_darken_the_octree() {
 #[test]
 fn law_twice_the_light_is_twice_the_picture() {
     let mut failures = Vec::new();
-    for indirect in TECHNIQUES {
+    for technique in techniques() {
         for exponent in [1, -30, 30].into_iter().take(at_night(2, 3)) {
             let factor = 2f32.powi(exponent);
-            let other = Pictures::of(&room().brighter(factor), indirect);
-            let pairs = original(indirect).radiance.iter().flatten().zip(other.radiance.iter().flatten());
+            let other = Pictures::of(&room().brighter(factor), technique);
+            let pairs = original(technique).radiance.iter().flatten().zip(other.radiance.iter().flatten());
             let off = pairs
                 .map(|(once, found)| {
                     (*once * factor - *found).map(f32::abs).max_component() / (*once * factor).max_component()
                 })
                 .fold(0.0f32, f32::max);
-            println!("light, 2^{exponent}: {} off by {off:e}", name(indirect));
+            println!("light, 2^{exponent}: {} off by {off:e}", name(technique));
             if off > 0.0 {
-                failures.push(format!("2^{exponent}: {} is off by {off:e} at some pixel", name(indirect)));
+                failures.push(format!("2^{exponent}: {} is off by {off:e} at some pixel", name(technique)));
             }
         }
     }
@@ -170,9 +170,10 @@ fn law_twice_the_light_is_twice_the_picture() {
 fn law_the_light_of_two_lamps_adds() {
     let mut failures = Vec::new();
     println!("light by light");
-    for indirect in TECHNIQUES {
-        let [lamp, point] = [LitBy::Lamp, LitBy::Point].map(|by| Pictures::of(&lit_by(room(), by), indirect));
-        failures.extend(original(indirect).differ(&lamp.plus(&point), resampling(indirect)));
+    for technique in techniques() {
+        let [lamp, point] =
+            [LitBy::Lamp, LitBy::Point].map(|by| Pictures::of(&lit_by(room(), by), technique));
+        failures.extend(original(technique).differ(&lamp.plus(&point), resampling(technique)));
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
@@ -182,11 +183,15 @@ fn law_the_light_of_two_lamps_adds() {
 fn laws_tell_scenes_apart_that_differ_by_a_little() {
     let mut dark = room();
     dark.things[0].material.base_color *= 0.95;
-    for indirect in TECHNIQUES {
+    for technique in techniques() {
         for other in [room().brighter(1.05), dark.clone()] {
-            let other = Pictures::of(&other, indirect);
-            assert!(original(indirect).differ(&other, rounding(indirect)).is_some(), "{}", name(indirect));
-            assert!(original(indirect).differ(&other, resampling(indirect)).is_some(), "{}", name(indirect));
+            let other = Pictures::of(&other, technique);
+            assert!(original(technique).differ(&other, rounding(technique)).is_some(), "{}", name(technique));
+            assert!(
+                original(technique).differ(&other, resampling(technique)).is_some(),
+                "{}",
+                name(technique)
+            );
         }
     }
 }
@@ -209,20 +214,20 @@ fn law_white_furnaces_hold_the_geometric_sum() {
         // Where light is reflected most often, what is lost at edges in any size or place shows most.
         let count = if albedo < 0.98 { 1 } else { at_night(2, 4) };
         for (what, place) in places.into_iter().take(count) {
-            for indirect in TECHNIQUES {
-                let pictures = Pictures::of(&placed(furnace(albedo, 0.25), place), indirect);
+            for technique in techniques() {
+                let pictures = Pictures::of(&placed(furnace(albedo, 0.25), place), technique);
                 let (found, expected) = (pictures.mean(), 0.25 / (1.0 - f64::from(albedo)));
                 let off = found.mean() / expected - 1.0;
                 let chance = 6.0 * found.standard_error() / expected;
-                let allowed = if indirect == Indirect::Path { 1e-3 } else { 0.015 };
+                let allowed = if technique.indirect == Indirect::Path { 1e-3 } else { 0.015 };
                 println!(
                     "furnace of {albedo}, {what}: {} off by {off:+.4} (chance {chance:.4})",
-                    name(indirect)
+                    name(technique)
                 );
                 if !(off.abs() <= allowed + chance) {
                     failures.push(format!(
                         "ρ {albedo}, {what}: {} is off by {off:+.4} ± {chance:.4}",
-                        name(indirect)
+                        name(technique)
                     ));
                 }
             }
@@ -237,14 +242,14 @@ fn law_white_furnaces_hold_the_geometric_sum() {
 fn law_lamp_and_sensor_may_change_places() {
     let effort = Effort { passes: 64, photons: 60_000, ..EFFORT };
     let mut failures = Vec::new();
-    for indirect in TECHNIQUES {
+    for technique in techniques() {
         let flux = |is_swapped: bool| {
             let (draft, area_m2) = exchange(is_swapped);
             let world = Arc::new(World::prepare(Arc::new(draft.build().expect("a scene"))));
             let mut fluxes = lumicast_engine::math::RunningStatistics::default();
             for seed in 0..3 {
                 let rendering =
-                    draw(&world, Drawn { indirect, seed, bounces_max: None }, &effort).expect("an end");
+                    draw(&world, Drawn { technique, seed, bounces_max: None }, &effort).expect("an end");
                 fluxes.add(lumicast_tests::mean(&rendering.picture().radiance()) * area_m2);
             }
             fluxes
@@ -254,14 +259,14 @@ fn law_lamp_and_sensor_may_change_places() {
         let chance = 6.0 * there.standard_error().hypot(back.standard_error()) / back.mean();
         println!(
             "exchange: {} {:.5} there, {:.5} back: off by {off:+.4} (chance {chance:.4})",
-            name(indirect),
+            name(technique),
             there.mean(),
             back.mean()
         );
         // Looked-up light is blurred over other things on either way.
-        let allowed = if indirect == Indirect::Path { 2e-3 } else { 0.03 };
+        let allowed = if technique.indirect == Indirect::Path { 2e-3 } else { 0.03 };
         if !(off.abs() <= allowed + chance) {
-            failures.push(format!("{}: off by {off:+.4} ± {chance:.4}", name(indirect)));
+            failures.push(format!("{}: off by {off:+.4} ± {chance:.4}", name(technique)));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));

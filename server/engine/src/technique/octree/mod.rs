@@ -31,8 +31,8 @@ pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::Pac
 
 use self::{build::Building, cluster::Spread, tree::Nodes, voxels::Voxels};
 use super::{
-    Bias, Card, Counts, Edit, PackedLight, PhotonProduct, Progress, ScatteredLight, SecondaryLight, Step,
-    Surfaces, Technique,
+    Bias, Card, Counts, Edit, LIKE_COS, PackedLight, PhotonProduct, Progress, ScatteredLight, SecondaryLight,
+    Step, Surfaces, Technique,
 };
 use crate::{
     math::Rgb,
@@ -197,8 +197,6 @@ struct LeafGather {
     chord_rms: [f32; 2],
 }
 
-/// Cosine of the angle between a surface and a group from which on they are lit alike.
-const LIKE_COS: f32 = 0.3;
 /// Distance from a group's mean plane at which it counts half, in sides of a cell: farther off it is another sheet.
 const SHEET_CELLS: f32 = 0.25;
 /// Softens lights of a single direction.

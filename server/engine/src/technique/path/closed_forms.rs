@@ -16,12 +16,12 @@ use crate::{
     transport::{PathClass, World},
 };
 
-fn id(name: &str) -> Id {
+pub(super) fn id(name: &str) -> Id {
     Id::new(name).unwrap()
 }
 
 /// Down −Z from z = 5, parallel, 2 metres high: pixel (x, y) of n sees the square from −1 to 1 at that place.
-fn straight_on() -> CameraView {
+pub(super) fn straight_on() -> CameraView {
     CameraView {
         world_from_camera: DAffine3::from_translation(DVec3::new(0.0, 0.0, 5.0)),
         projection: Projection::Orthographic { half_height_m: 1.0 },
@@ -40,7 +40,7 @@ fn render(scene: Scene, view: CameraView, side: u32, passes: u32, bounces_max: O
 }
 
 /// Corners of the square from −1 to 1 that faces +Z.
-const SQUARE: [DVec3; 4] = [
+pub(super) const SQUARE: [DVec3; 4] = [
     DVec3::new(-1.0, -1.0, 0.0),
     DVec3::new(1.0, -1.0, 0.0),
     DVec3::new(1.0, 1.0, 0.0),
@@ -48,13 +48,13 @@ const SQUARE: [DVec3; 4] = [
 ];
 
 /// The square with glTF's texture coordinates: v = 0 at its top.
-fn square(material: &Id) -> MeshSource {
+pub(super) fn square(material: &Id) -> MeshSource {
     let texcoords = vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO];
     MeshSource { texcoords: [texcoords, Vec::new()], ..quad(SQUARE, material) }
 }
 
 /// A sun along −Z whose light, π W/m², gives a facing surface the radiance of its albedo.
-fn sun() -> Light {
+pub(super) fn sun() -> Light {
     let irradiance = Rgb::splat(std::f32::consts::PI);
     let kind = LightKind::Directional { irradiance };
     Light { parent: None, position: DVec3::ZERO, direction: DVec3::NEG_Z, kind }
@@ -65,7 +65,7 @@ fn assert_colour(got: Rgb, expected: Rgb, what: &str) {
     assert!(off <= 2e-5 * expected.max_component() + 1e-7, "{what}: {got:?} for {expected:?}");
 }
 
-fn picture(width: u32, height: u32, texels: &[[u8; 4]]) -> Texture {
+pub(super) fn picture(width: u32, height: u32, texels: &[[u8; 4]]) -> Texture {
     Texture { width, height, texels: Texels::Rgba8(texels.to_vec()) }
 }
 
@@ -341,7 +341,7 @@ fn cameras_on_surfaces_lose_no_sample() {
 }
 
 /// A one-sided lamp, a bumpy floor with a picture, a glossy block: everything that a mirror could turn wrong.
-fn asymmetric_room(
+pub(super) fn asymmetric_room(
     mirror: impl Fn(MeshSource) -> MeshSource,
     placed: DAffine3,
     seen_from: DVec3,

@@ -11,11 +11,11 @@ use crate::{
 };
 
 /// Scatterings before Russian roulette may end a path: the first ones carry most of the picture.
-const ROULETTE_FREE_BOUNCES: u32 = 2;
+pub(super) const ROULETTE_FREE_BOUNCES: u32 = 2;
 /// Highest chance of going on. Light trapped by total reflection leaves glass after hundreds of bounces: a lower
 /// chance would turn those into rare, enormous samples (0.98: 14 % of the light of half-transparent glass was missing
 /// from 64 samples). 0.998 ends a path that loses nothing after 500 bounces in the mean.
-const SURVIVAL_MAX: f32 = 0.998;
+pub(super) const SURVIVAL_MAX: f32 = 0.998;
 /// A path ends here whatever it carries: one in 3,600 of those that lose nothing at all gets so far.
 pub(super) const BOUNCES_END: u32 = 4096;
 

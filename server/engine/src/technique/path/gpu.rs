@@ -12,6 +12,8 @@
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
 mod step_clock;
+#[cfg(test)]
+mod tests;
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
@@ -28,8 +30,12 @@ use rayon::prelude::*;
 
 pub use step_clock::StepSeconds;
 
-use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
+use super::{
+    CARD, PathSettings, PathTracer, View,
+    cpu::{BOUNCES_END, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+};
 use crate::{
+    accel::{GAMMA_5, GAMMA_19},
     film::{Film, PictureSize, PixelSample},
     gpu::{
         AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
@@ -37,9 +43,10 @@ use crate::{
     },
     math::{Rgb, sobol::PixelSampler},
     technique::{
-        Canvas, Card, Counts, Edit, GpuOctreeHeader, PackedLight, Progress, SecondaryLight, Step, Technique,
+        Canvas, Card, Counts, Edit, GpuOctreeHeader, LIKE_COS, PackedLight, Progress, SecondaryLight, Step,
+        Technique,
     },
-    transport::{PathClass, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
+    transport::{PathClass, TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
 
 /// Invocations of a workgroup.
@@ -173,7 +180,13 @@ impl GpuWorld {
             ("WORKGROUP", Constant::U32(WORKGROUP)),
             ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
             ("FLOAT_MAX", Constant::F32(f32::MAX)),
+            ("GAMMA_5", Constant::F32(GAMMA_5)),
+            ("GAMMA_19", Constant::F32(GAMMA_19)),
+            ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
+            ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
+            ("LIKE_COS", Constant::F32(LIKE_COS)),
         ];
+        constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
         constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
         let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
         Ok(GpuWorld { _trees: trees, trees_group, trees_layout, _buffers: buffers, group, layout, constants })

@@ -37,7 +37,7 @@ fn mean(image: &[Rgb]) -> f64 {
 }
 
 /// Mean of the picture and the standard error of that mean, from the spread over pixels.
-fn mean_and_error(image: &[Rgb]) -> (f64, f64) {
+pub(super) fn mean_and_error(image: &[Rgb]) -> (f64, f64) {
     let mut statistics = crate::math::RunningStatistics::default();
     image.iter().for_each(|rgb| statistics.add(f64::from(rgb.mean())));
     (statistics.mean(), statistics.standard_error())
@@ -97,7 +97,7 @@ fn white_furnace_keeps_radiance_one_for_every_lossless_bsdf() {
     }
 }
 
-fn in_white_surroundings(material: Material) -> Scene {
+pub(super) fn in_white_surroundings(material: Material) -> Scene {
     let mut stage = Stage::default();
     let material = stage.material("subject", material).unwrap();
     stage.place("ball", samples::sphere(DVec3::ZERO, 1.0, 48, &material), DAffine3::IDENTITY).unwrap();
@@ -142,7 +142,7 @@ fn difference(a: &[Rgb], b: &[Rgb]) -> Vec<Rgb> {
 }
 
 /// A scene as it is, seen after a similarity transform of everything in it, camera and lights included.
-fn transformed(scene: &Scene, world_from_scene: DAffine3, scale: f64) -> Scene {
+pub(super) fn transformed(scene: &Scene, world_from_scene: DAffine3, scale: f64) -> Scene {
     let mut builder = SceneBuilder::new(SceneLimits::default());
     for (id, material) in scene.materials() {
         builder.set_material(id.clone(), (**material).clone()).unwrap();
@@ -180,7 +180,7 @@ fn transformed(scene: &Scene, world_from_scene: DAffine3, scale: f64) -> Scene {
 }
 
 /// The Cornell box with a point and a spot light: every kind of light that has a place.
-fn box_with_lights(factor: f32, only: Option<&str>) -> Scene {
+pub(super) fn box_with_lights(factor: f32, only: Option<&str>) -> Scene {
     let mut builder = SceneBuilder::from_scene(&samples::cornell_box().unwrap(), SceneLimits::default());
     let light =
         |kind| Light { parent: None, position: DVec3::new(0.5, 1.5, 0.6), direction: DVec3::NEG_Y, kind };

@@ -17,7 +17,7 @@ pub use self::{
         FACING_COS, FallenPhoton, Gather, GatherBounds, GatheredPhoton, MAPPED, MapPhoton, PhotonMaps,
         SideMap,
     },
-    packed::{GpuLightSet, GpuOctreeHeader, PackedLight},
+    packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
 };

@@ -3,6 +3,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
+/// Cosine of the angle between a surface and a group from which on they are lit alike.
+pub const LIKE_COS: f32 = 0.3;
+
 /// `OctreeHeader` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]

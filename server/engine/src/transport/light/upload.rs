@@ -68,7 +68,8 @@ impl Lights {
                 high: node.bounds.max.into(),
                 flags: u32::from(node.is_leaf) | two_sided,
                 axis: node.bounds.axis.into(),
-                power: node.bounds.power,
+                // Sums may leave the range, and WGSL may assume that no number is infinite.
+                power: node.bounds.power.min(f32::MAX),
                 cos_normals: node.bounds.cos_normals,
                 cos_emission: node.bounds.cos_emission,
                 padding_0: 0,

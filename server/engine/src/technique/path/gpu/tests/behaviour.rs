@@ -1,0 +1,141 @@
+//! Slices, cancelled passes, lost devices, cards that are too small.
+
+use std::time::Duration;
+
+use super::*;
+use crate::{
+    gpu::{AdapterChoice, GpuOptions, tests::open_with},
+    render::{RenderSettings, Rendering},
+    scene::samples,
+};
+
+fn cornell() -> Shot {
+    Shot { size: size(48, 40), ..shot(samples::cornell_box().unwrap()) }
+}
+
+/// However a pass is cut into slices, it brings the same bytes.
+#[test]
+fn slices_of_any_size_bring_the_same_bytes() {
+    let Some(gpu) = shared() else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let (whole, counts) = shot.on_card_by(&scene, 1, 1 << 20);
+    assert_eq!(counts.paths, 48 * 40);
+    for slice in [1900, 640, 65, 64, 47] {
+        let (cut, counts_of_cut) = shot.on_card_by(&scene, 1, slice);
+        assert!(whole == cut, "slices of {slice}");
+        assert_eq!(counts, counts_of_cut, "slices of {slice}");
+    }
+}
+
+/// A pass that was cancelled goes on where it was: the picture is the undisturbed one, and no path is traced twice.
+#[test]
+fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
+    let Some(gpu) = shared() else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 2);
+    let mut tracer = shot.tracer(&scene);
+    let mut film = Film::new(shot.size);
+    assert!(!step(&mut tracer, &shot, &mut film, true).complete);
+    assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, 0));
+    for kept in [100, 200, 300] {
+        let mut begun = tracer.begun.take().unwrap();
+        tracer.slice = 100;
+        tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
+        tracer.begun = Some(begun);
+        assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
+        assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, kept));
+    }
+    let progress = step(&mut tracer, &shot, &mut film, false);
+    assert!(progress.complete && tracer.begun.is_none());
+    assert_eq!(progress.counts.paths, shot.size.pixel_count() as u64 - 300);
+    assert!(step(&mut tracer, &shot, &mut film, false).complete);
+    assert_same_bits(&undisturbed, &film);
+}
+
+/// What was begun of another picture is not taken for this one's.
+#[test]
+fn slices_of_another_picture_are_thrown_away() {
+    let Some(gpu) = shared() else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let corner = shot.world.scene().camera_view(Some("corner")).unwrap();
+    let other = Shot { camera: corner, ..shot.clone() };
+    let undisturbed = film_by(&mut other.tracer(&scene), &other, 1);
+    let mut tracer = shot.tracer(&scene);
+    let mut begun = shot.begin(&tracer, 0);
+    tracer.slice = 500;
+    tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
+    tracer.begun = Some(begun);
+    assert_same_bits(&undisturbed, &film_by(&mut tracer, &other, 1));
+}
+
+/// Devices that are lost between two slices, and while one is drawn, change no bit of the picture.
+#[test]
+fn lost_devices_change_no_bit_of_the_picture() {
+    let Some(gpu) = open().map(Arc::new) else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+    let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
+    let mut tracer = shot.tracer(&scene);
+    let mut film = Film::new(shot.size);
+    let mut begun = shot.begin(&tracer, 0);
+    tracer.slice = 700;
+    tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
+    tracer.begun = Some(begun);
+    gpu.session().unwrap().lose_for_test();
+    assert!(step(&mut tracer, &shot, &mut film, false).complete, "slices are kept on this side");
+    assert_eq!(gpu.session().unwrap().generation(), 1);
+    let lost = gpu.session().unwrap();
+    std::thread::scope(|scope| {
+        // Somewhere in the passes to come: wherever that is, they bring the same.
+        scope.spawn(|| {
+            std::thread::park_timeout(Duration::from_millis(5));
+            lost.lose_for_test();
+        });
+        for _ in 0..20 {
+            if film.passes_min() < 3 {
+                step(&mut tracer, &shot, &mut film, false);
+            }
+        }
+    });
+    assert_eq!(tracer.failure(), None);
+    assert_same_bits(&undisturbed, &film);
+}
+
+/// A scene that a card has no room for is an error with its numbers, and the CPU draws the picture, from its first bit on.
+#[test]
+fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
+    let options = GpuOptions { adapter: AdapterChoice::Any, bytes_max: 200_000, ..GpuOptions::default() };
+    let Some(gpu) = open_with(&options).map(Arc::new) else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let mut tracer = shot.tracer(&scene);
+    let mut film = Film::new(shot.size);
+    assert!(!step(&mut tracer, &shot, &mut film, false).complete);
+    let failure = tracer.failure().cloned().unwrap();
+    assert!(
+        matches!(failure, GpuError::OutOfMemory { bytes_allowed, .. } if bytes_allowed <= 200_000),
+        "{failure}"
+    );
+    assert_eq!(film.passes_max(), 0);
+    assert_eq!(step(&mut tracer, &shot, &mut film, false), Progress::default(), "and stays so");
+    let draw = |scene: Option<&Arc<GpuScene>>| {
+        let settings = RenderSettings { seed: 6, ..RenderSettings::default() };
+        let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
+        if let Some(scene) = scene {
+            rendering.draw_on(Arc::clone(scene)).unwrap();
+            assert!(rendering.is_on_gpu());
+        }
+        while rendering.passes() < 2 {
+            rendering.step(&AtomicBool::new(false));
+        }
+        assert!(!rendering.is_on_gpu());
+        (rendering.film().clone(), rendering.gpu_failure().cloned())
+    };
+    let (by_both, found) = draw(Some(&scene));
+    assert_eq!(found, Some(failure));
+    let (by_cpu, _) = draw(None);
+    assert_same_bits(&by_cpu, &by_both);
+}

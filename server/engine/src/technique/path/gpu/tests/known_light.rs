@@ -1,0 +1,99 @@
+//! Light that is looked up in the octree, on both.
+
+use super::*;
+use crate::{
+    render::{Illumination, IlluminationSettings, RenderSettings},
+    scene::samples,
+};
+
+/// A light's largest channel may be off by 0.4 % in each channel [`octree/pack.rs`], so that a channel of their sum is off by
+/// 0.4 % of the sum of all three, as far as the surface's colour lets it: 1.2 % of the largest where they are alike. A
+/// direction that is off by 0.0037° moves a cosine by 6.5e-5, far below that.
+const PACKED_OFF_MAX: f32 = 0.012;
+
+fn with_known(scene: Scene, bounces_max: Option<u32>) -> Shot {
+    let world = Arc::new(World::prepare(Arc::new(scene.clone())));
+    let mut settings = IlluminationSettings::of(&RenderSettings { bounces_max, ..RenderSettings::default() });
+    settings.photons.emitted_count = 40_000;
+    settings.octree.photon_count = 40_000;
+    settings.octree.depth = 5;
+    let mut light = Illumination::new(settings);
+    for _ in 0..10_000 {
+        if light.step(&world, &AtomicBool::new(false)) {
+            break;
+        }
+    }
+    let known = light.known().cloned().expect("photons fell somewhere");
+    assert!(known.packed().is_some());
+    let settings = PathSettings::all(bounces_max, 4).asking();
+    Shot { world, settings, known: Some(known), size: size(64, 48), ..shot(scene) }
+}
+
+/// Look-ups bring the same, pixel by pixel, but for what packing takes, at diffuse surfaces and through glass and mirrors.
+#[test]
+fn the_octree_answers_the_same_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let glossy = {
+        let mut stage = room();
+        let plastic = Material { roughness: 0.4, base_color: Rgb::new(0.2, 0.6, 0.9), ..Material::default() };
+        let plastic = stage.material("plastic", plastic).unwrap();
+        placed(&mut stage, "ball", samples::sphere(DVec3::ZERO, 0.8, 16, &plastic));
+        let half_glass = Material { transmission: 0.5, roughness: 0.0, ..Material::default() };
+        let half_glass = stage.material("half glass", half_glass).unwrap();
+        placed(&mut stage, "small ball", samples::sphere(DVec3::new(0.9, -0.6, 0.7), 0.35, 12, &half_glass));
+        stage.finish()
+    };
+    for (name, scene, bounces_max) in [
+        ("boxes", samples::boxes().unwrap(), None),
+        ("cornell box", samples::cornell_box().unwrap(), None),
+        ("plastic and half glass", glossy, None),
+        // By way of mirrors and glass a scattering is used up.
+        ("two bounces", samples::cornell_box().unwrap(), Some(2)),
+    ] {
+        let shot = with_known(scene, bounces_max);
+        let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+        let (cpu, card) = (shot.on_cpu(2), shot.on_card(&scene, 2));
+        let (mut others, mut largest, mut looked_up) = (0, 0.0f32, 0);
+        for (a, b) in cpu.samples.iter().zip(&card.samples) {
+            assert!(b.is_sound(), "{b:?}");
+            let secondary = |sample: &PixelSample| sample.radiance[2] + sample.radiance[3];
+            let (a_known, b_known) = (secondary(a), secondary(b));
+            looked_up += usize::from(!a_known.is_black());
+            let difference = (a_known - b_known).map(f32::abs).max_component();
+            let off = if difference == 0.0 { 0.0 } else { difference / a_known.max_component() };
+            let sampled_off =
+                (0..2).map(|class| off_rgb(a.radiance[class], b.radiance[class], 1e-3)).fold(0.0, f32::max);
+            if sampled_off > OFF_MAX || !(off <= PACKED_OFF_MAX) {
+                others += 1;
+                continue;
+            }
+            largest = largest.max(off);
+        }
+        eprintln!(
+            "{name}: {others} of {} took another decision, the others are off by {largest} at most",
+            cpu.samples.len()
+        );
+        assert!(looked_up > cpu.samples.len() / 3, "{looked_up} looked up");
+        assert!(others <= cpu.samples.len() / 200, "{name}: {others}");
+    }
+}
+
+/// The same picture with nobody to ask, then somebody, then nobody.
+#[test]
+fn asking_begins_and_ends_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let asking = with_known(samples::boxes().unwrap(), None);
+    let alone = Shot { known: None, settings: PathSettings::all(None, 4), ..asking.clone() };
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&asking.world)));
+    let first = alone.on_card(&scene, 0).samples;
+    let asked = asking.on_card(&scene, 0).samples;
+    assert!(first != asked);
+    assert!(alone.on_card(&scene, 0).samples == first);
+    let tracer = PathTracer::with_secondary(asking.settings, asking.known.clone().unwrap());
+    let mut on_card = GpuPathTracer::new(scene, PathSettings::all(None, 0));
+    on_card.draw_as(&tracer);
+    let film = film_by(&mut on_card, &asking, 1);
+    let indirect: Vec<Rgb> =
+        asked.iter().map(|sample| sample.radiance[PathClass::Indirect as usize]).collect();
+    assert_eq!(film.layer(PathClass::Indirect), indirect);
+}

@@ -1,0 +1,267 @@
+//! Rust and WGSL mean the same bytes and the same numbers.
+
+use std::collections::HashMap;
+
+use lumicast_shaders::PROOF_CONSTANTS;
+
+use super::*;
+use crate::{
+    gpu::tests::{assert_same_layout, layout},
+    scene::TextureSlot,
+    technique::{GpuLightSet, GpuOctreeHeader},
+    transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
+};
+
+/// The scene's structs lie in WGSL as in Rust.
+#[test]
+fn structs_of_scenes_lie_alike_in_rust_and_wgsl() {
+    let source = PATH_SHADE.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &source,
+        "SceneHeader",
+        GpuSceneHeader {
+            directional_count,
+            environment_kind,
+            light_node_count,
+            trails_at,
+            environment_radiance,
+            environment_rotation_rad,
+            environment_at,
+            environment_width,
+            environment_height,
+            environment_sums_at,
+            directional_at,
+            environment_flags,
+            padding_0,
+            padding_1,
+        }
+    );
+    assert_same_layout!(
+        &source,
+        "Placement",
+        GpuPlacement {
+            render_from_mesh_x,
+            normals_at,
+            render_from_mesh_y,
+            tangents_at,
+            render_from_mesh_z,
+            texcoords_0_at,
+            normal_from_mesh_x,
+            texcoords_1_at,
+            normal_from_mesh_y,
+            colors_at,
+            normal_from_mesh_z,
+            corners_at,
+            centre_in_render,
+            positions_at,
+            faces_at,
+            primitives_at,
+            primitive_count,
+            flags,
+            runs_at,
+            run_count,
+            padding_0,
+            padding_1,
+        }
+    );
+    assert_same_layout!(
+        &source,
+        "TextureUse",
+        GpuTextureUse { uv_x, uv_y, uv_offset, texels_at, width, height, flags, padding_0, padding_1 }
+    );
+    assert_same_layout!(
+        &source,
+        "Material",
+        GpuMaterial {
+            base_color,
+            alpha,
+            emission,
+            alpha_cutoff,
+            specular_color,
+            specular,
+            attenuation_color,
+            attenuation_distance_m,
+            metallic,
+            roughness,
+            ior,
+            transmission,
+            normal_scale,
+            flags,
+            padding_0,
+            padding_1,
+            textures,
+        }
+    );
+}
+
+/// So do those of lights.
+#[test]
+fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
+    let source = PATH_SHADE_BY_OCTREE.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &source,
+        "Light",
+        GpuLight {
+            position,
+            kind,
+            intensity,
+            instance,
+            axis,
+            triangle,
+            cos_inner,
+            cos_outer,
+            area_m2,
+            is_two_sided,
+        }
+    );
+    assert_same_layout!(
+        &source,
+        "LightNode",
+        GpuLightNode { low, next, high, flags, axis, power, cos_normals, cos_emission, padding_0, padding_1 }
+    );
+    assert_same_layout!(
+        &source,
+        "OctreeHeader",
+        GpuOctreeHeader { low, cell_m, cells, depth, per_sheet_m2, first_sets_at }
+    );
+    assert_same_layout!(
+        &source,
+        "LightSet",
+        GpuLightSet {
+            normal,
+            plane_m,
+            first_vdl,
+            first_caustic_vdl,
+            end_vdl,
+            reach,
+            caustic_reach,
+            padding_0,
+            padding_1,
+            padding_2,
+        }
+    );
+}
+
+/// So do those of paths, and buffers whose structs only steps know are as large as these.
+#[test]
+fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
+    let source = PATH_SHADE.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &source,
+        "PassHeader",
+        GpuPassHeader {
+            origin,
+            half_width,
+            right,
+            half_height,
+            up,
+            is_perspective,
+            back,
+            width,
+            seed_key,
+            sequence,
+            index,
+            height,
+            first_pixel,
+            path_count,
+            capacity,
+            traced,
+            bounces_end,
+            padding_0,
+            padding_1,
+        }
+    );
+    assert_same_layout!(
+        &source,
+        "PixelSample",
+        GpuPixelSample {
+            emitted,
+            depth_m,
+            direct,
+            albedo_red,
+            caustic,
+            albedo_green,
+            indirect,
+            albedo_blue,
+            normal,
+            padding_0,
+        }
+    );
+    assert_same_layout!(
+        &source,
+        "Counters",
+        GpuCounters {
+            parity,
+            ray_count,
+            next_ray_count,
+            shadow_count,
+            next_shadow_count,
+            rays,
+            shadow_rays,
+            padding_0,
+        }
+    );
+    for (name, byte_count) in [("Path", PATH_BYTES), ("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
+        assert_eq!(u64::from(layout(&source, name).1), byte_count, "{name}");
+    }
+    let (sizes, byte_count) = layout(&PATH_TURN.source(PROOF_CONSTANTS), "Dispatch");
+    assert_eq!(u64::from(byte_count), DISPATCH_BYTES);
+    assert_eq!((sizes[3].name.as_str(), u64::from(sizes[3].offset)), ("shadow_rays_x", SHADOW_SIZES_AT));
+}
+
+/// Numbers that `source` declares, by name.
+fn numbers_of(source: &str) -> HashMap<String, f64> {
+    let module = naga::front::wgsl::parse_str(source).unwrap();
+    let number = |constant: &naga::Constant| match module.global_expressions[constant.init] {
+        naga::Expression::Literal(naga::Literal::F32(value)) => Some(f64::from(value)),
+        naga::Expression::Literal(naga::Literal::U32(value)) => Some(f64::from(value)),
+        _ => None,
+    };
+    let constants = module.constants.iter();
+    constants.filter_map(|(_, constant)| Some((constant.name.clone()?, number(constant)?))).collect()
+}
+
+/// Numbers that both languages write down for themselves are the same ones.
+#[test]
+fn numbers_are_the_same_in_rust_and_wgsl() {
+    let numbers = numbers_of(&PATH_SHADE_BY_OCTREE.source(PROOF_CONSTANTS));
+    let floats = [
+        ("PI", std::f32::consts::PI),
+        ("TAU", std::f32::consts::TAU),
+        ("INVERSE_PI", std::f32::consts::FRAC_1_PI),
+        ("ONE_LESS", 1.0 - f32::EPSILON),
+        ("LEAST_NORMAL", f32::MIN_POSITIVE),
+    ];
+    for (name, value) in floats {
+        assert_eq!(numbers[name], f64::from(value), "{name}");
+    }
+    for (name, class) in ["EMITTED", "DIRECT", "CAUSTIC", "INDIRECT"].into_iter().zip(PathClass::ALL) {
+        assert_eq!(numbers[name], f64::from(class as u32), "{name}");
+    }
+    let slots = [
+        ("BASE_COLOR", TextureSlot::BaseColor),
+        ("METALLIC_ROUGHNESS", TextureSlot::MetallicRoughness),
+        ("NORMAL", TextureSlot::Normal),
+        ("EMISSION", TextureSlot::Emission),
+        ("SPECULAR", TextureSlot::Specular),
+        ("SPECULAR_COLOR", TextureSlot::SpecularColor),
+        ("TRANSMISSION", TextureSlot::Transmission),
+    ];
+    for (name, slot) in slots {
+        assert_eq!(numbers[name], f64::from(slot as u32), "{name}");
+    }
+    assert_eq!(numbers["ABSENT"], f64::from(u32::MAX));
+}
+
+/// Steps are compiled with every constant that the proof of the shaders names, and `HAS_SECONDARY` with the ones for shading.
+#[test]
+fn every_constant_of_the_proof_is_prepended() {
+    let Some(gpu) = shared() else { return };
+    let world = World::prepare(Arc::new(crate::scene::samples::boxes().unwrap()));
+    let on_card = GpuWorld::new(&gpu.session().unwrap(), &world).unwrap();
+    let mut names: Vec<_> = on_card.constants_of_shade(true).into_iter().map(|(name, _)| name).collect();
+    let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
+    names.sort_unstable();
+    proved.sort_unstable();
+    assert_eq!(names, proved);
+}

@@ -1,0 +1,109 @@
+//! Scenes packed: the same twice, each texture once, no number that WGSL may take for another.
+
+use glam::{DAffine3, DVec3};
+
+use super::*;
+use crate::scene::{
+    Environment, Light, LightKind, Material, TextureRef,
+    samples::{self, Stage},
+};
+
+fn id(name: &str) -> Id {
+    Id::new(name).unwrap()
+}
+
+fn upload_of(stage: Stage) -> WorldBuffers {
+    World::prepare(Arc::new(stage.finish())).upload()
+}
+
+fn ball(stage: &mut Stage, name: &str, material: Material) {
+    let material = stage.material(name, material).unwrap();
+    stage.place(name, samples::sphere(DVec3::ZERO, 1.0, 4, &material), DAffine3::IDENTITY).unwrap();
+}
+
+fn painted(name: &str) -> Material {
+    let mut material = Material::lambert(Rgb::WHITE);
+    material.textures[TextureSlot::BaseColor as usize] = Some(TextureRef::new(id(name)));
+    material
+}
+
+fn texture(texel_count: u32) -> Texture {
+    Texture { width: texel_count, height: 1, texels: Texels::Rgba8(vec![[9; 4]; texel_count as usize]) }
+}
+
+/// The same scene gives the same bytes.
+#[test]
+fn scenes_are_packed_the_same_twice() {
+    let scene = Arc::new(samples::cornell_box().unwrap());
+    let [a, b] = [(); 2].map(|()| World::prepare(Arc::clone(&scene)).upload());
+    assert!(a == b && a.bytes() > 0);
+}
+
+/// A texture that several materials use is packed once.
+#[test]
+fn textures_are_packed_once() {
+    let mut stage = Stage::default();
+    for (name, texel_count) in [("small", 3), ("large", 50)] {
+        stage.builder().add_texture(id(name), texture(texel_count)).unwrap();
+    }
+    for (i, name) in ["small", "large", "small", "large", "small"].into_iter().enumerate() {
+        ball(&mut stage, &format!("ball {i}"), painted(name));
+    }
+    let packed = upload_of(stage);
+    assert_eq!(packed.texels.len(), 53);
+    let at = |i: usize| packed.materials[i].textures[TextureSlot::BaseColor as usize].texels_at;
+    assert_eq!([at(0), at(2), at(4)], [at(0); 3]);
+    assert_eq!(at(1), at(3));
+    assert_ne!(at(0), at(1));
+}
+
+/// Steps are told of what the scene has, and of nothing else.
+#[test]
+fn features_are_those_that_a_scene_calls_for() {
+    let none = WorldFeatures {
+        has_masks: false,
+        has_textures: false,
+        has_glass: false,
+        has_gltf: false,
+        has_sky_picture: false,
+    };
+    let matt = Material::lambert(Rgb::WHITE);
+    let glass = Material { transmission: 1.0, ..Material::default() };
+    for (material, expected) in [
+        (matt.clone(), none),
+        (Material { alpha_cutoff: Some(0.5), ..matt.clone() }, WorldFeatures { has_masks: true, ..none }),
+        (painted("picture"), WorldFeatures { has_textures: true, ..none }),
+        (glass, WorldFeatures { has_glass: true, has_gltf: true, ..none }),
+        (Material { metallic: 1.0, ..matt }, WorldFeatures { has_gltf: true, ..none }),
+    ] {
+        let mut stage = Stage::default();
+        stage.builder().add_texture(id("picture"), texture(1)).unwrap();
+        ball(&mut stage, "ball", material);
+        assert_eq!(upload_of(stage).features, expected);
+    }
+    let mut stage = Stage::default();
+    let texels = Texels::Rgba32F(vec![[1.0; 4]; 2]);
+    stage.builder().add_texture(id("sky"), Texture { width: 2, height: 1, texels }).unwrap();
+    let sky = Environment::Image { texture: id("sky"), scale: Rgb::WHITE, rotation_rad: 0.0 };
+    stage.builder().set_environment(sky).unwrap();
+    assert_eq!(upload_of(stage).features, WorldFeatures { has_sky_picture: true, ..none });
+}
+
+/// No number of lights is infinite, however strong they are: WGSL may assume that none is.
+#[test]
+fn the_strongest_lights_are_packed_as_finite_numbers() {
+    let mut stage = Stage::default();
+    // As strong and as large as scenes may hold: a triangle's power is the largest float, and two are beyond.
+    let lamp = stage.material("lamp", Material::emitter(Rgb::splat(1e20))).unwrap();
+    let corners =
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| DVec3::new(x, 0.0, z) * 9e8);
+    stage.place("lamp", samples::quad(corners, &lamp), DAffine3::IDENTITY).unwrap();
+    let kind = LightKind::Point { intensity: Rgb::splat(1e20) };
+    stage.light("point", Light { parent: None, position: DVec3::X, direction: DVec3::Y, kind }).unwrap();
+    let nodes = upload_of(stage).light_nodes;
+    assert_eq!(nodes[0].power, f32::MAX);
+    for node in nodes {
+        let numbers = [node.low, node.high, node.axis, [node.power, node.cos_normals, node.cos_emission]];
+        assert!(numbers.as_flattened().iter().all(|number| number.is_finite()), "{node:?}");
+    }
+}
