@@ -163,7 +163,8 @@ fn transmittance(medium: u32, distance_m: f32) -> vec3f {
         return vec3f(1.0);
     }
     let color = materials[medium - 1u].attenuation_color;
-    let exponent = distance_m / materials[medium - 1u].attenuation_distance_m;
+    // Finite, however short the distance: a power of infinity is no number.
+    let exponent = min(distance_m / max(materials[medium - 1u].attenuation_distance_m, LEAST_NORMAL), 1e30);
     let left = pow(max(color, vec3f(LEAST_NORMAL)), vec3f(exponent));
     return select(left, vec3f(0.0), (color <= vec3f(0.0)) & vec3<bool>(exponent > 0.0));
 }

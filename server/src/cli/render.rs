@@ -25,7 +25,7 @@ use std::{
 use lumicast_engine::{
     effects::EffectPlan,
     film::{Display, Picture, PictureSize},
-    render::{Illumination, Indirect, Learning, RenderSettings, Rendering},
+    render::{self, Illumination, Indirect, Learning, RenderSettings, Rendering},
     scene::Scene,
     transport::World,
 };
@@ -59,6 +59,11 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
+    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 {
+        eprintln!(
+            "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
+        );
+    }
     report(&args, &statistics, &EffectPlan::of(job.world.scene()))
 }
 
@@ -213,10 +218,13 @@ impl<'a> Job<'a> {
             }
             let step_start = Instant::now();
             self.pool.install(|| rendering.step(&cancel));
-            if let Some(error) = rendering.gpu_failure() {
-                // Who asked for the card is told that it does not do it; there may be a reason for the wish.
+            if let Some(error) = rendering.take_gpu_failure() {
                 progress.finish();
-                return Err(backend::unusable(error));
+                // Who asked for the card by name is told that it does not do it; there may be a reason for the wish.
+                if self.args.backend == arguments::Backend::Gpu {
+                    return Err(backend::unusable(&error));
+                }
+                eprintln!("warning: going on by the CPU: {error}");
             }
             frame_seconds += step_start.elapsed().as_secs_f64();
             let seconds = self.seconds();
@@ -325,7 +333,7 @@ impl<'a> Job<'a> {
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
             technique: rendering.technique_name(&picture),
-            backend: if rendering.is_on_gpu() { "gpu" } else { "cpu" },
+            backend: if rendering.gpu_passes() > 0 { "gpu" } else { "cpu" },
             adapter: self.drawn_on.adapter().map(|report| report.name),
             threads: self.pool.current_num_threads(),
             seed: self.args.seed,
@@ -386,7 +394,9 @@ impl<'a> Job<'a> {
 
 /// Settings that the arguments ask for, but for when it is drawn.
 fn settings_of(args: &RenderArgs) -> RenderSettings {
+    let is_on_gpu = args.backend == arguments::Backend::Gpu;
     RenderSettings {
+        backend: if is_on_gpu { render::Backend::Gpu } else { render::Backend::Cpu },
         indirect: args.technique(),
         bounces_max: args.bounces,
         seed: args.seed,

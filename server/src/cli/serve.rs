@@ -24,7 +24,7 @@ pub(super) struct ServeArgs {
     /// Folder that keeps scenes and edits. Without it they are gone when the server stops.
     #[arg(long, value_name = "DIR")]
     data: Option<String>,
-    /// What renders: auto, cpu or gpu. [default: auto]
+    /// What draws pictures: cpu, gpu, or auto: a graphics card where there is one. [default: auto]
     #[arg(long)]
     backend: Option<String>,
     /// Settings as TOML; deploy/lumicast.toml lists all.

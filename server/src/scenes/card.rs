@@ -1,22 +1,35 @@
 //! The present scene on the graphics card, made ready beside the pictures: until it is there the CPU draws them, so that no
 //! viewer waits for shaders or uploads.
+//!
+//! A card is given up for good where it cannot run our steps at all. A scene that does not fit stays on the CPU by itself, and a
+//! device that was lost is looked for again after a while.
 
-use super::{Snapshot, Workshop};
+use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
 use lumicast_engine::render::{Backend, Rendering};
 use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, Weak};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A scene is brought to the card once it was left alone for so long: who drags a lamp changes it with every picture.
+const SETTLED: Duration = Duration::from_millis(300);
+/// A device that is gone is looked for again so much later.
+const RETRY: Duration = Duration::from_secs(5);
 
 /// The card that all scenes are drawn on, if any.
 #[derive(Debug, Default)]
 pub struct Card {
     gpu: Option<Arc<Gpu>>,
-    /// It failed in a way that trying again does not mend.
+    /// It cannot run our steps.
     is_given_up: AtomicBool,
+    /// Some scene is being brought to it: one at a time.
+    is_busy: Arc<AtomicBool>,
 }
 
 impl Card {
@@ -39,7 +52,7 @@ impl Card {
             }
             None => tracing::info!("drawing on the CPU"),
         }
-        Ok(Card { gpu: gpu.map(Arc::new), is_given_up: AtomicBool::new(false) })
+        Ok(Card { gpu: gpu.map(Arc::new), ..Card::default() })
     }
 
     /// The card, unless it was given up.
@@ -59,64 +72,168 @@ impl Card {
     }
 }
 
+/// What became of bringing a scene to the card.
+type Outcome = Arc<Mutex<Option<Result<(), GpuError>>>>;
+
+/// How far a scene has got.
+#[derive(Debug, Default)]
+enum Stage {
+    /// Not begun.
+    #[default]
+    Nothing,
+    /// On its way, on a thread of its own.
+    Coming(Outcome, JoinHandle<()>),
+    /// Pictures can be drawn.
+    Ready,
+    /// It does not fit.
+    Refused,
+    /// Not before then.
+    Later(Instant),
+}
+
 /// One scene on the card.
 #[derive(Debug, Default)]
 pub(super) struct SceneOnCard {
-    /// Of the newest world that was begun with.
     scene: Option<Arc<GpuScene>>,
-    /// What became of making it ready.
-    outcome: Arc<Mutex<Option<Result<(), GpuError>>>>,
-    is_ready: bool,
+    stage: Stage,
+    /// Worlds that the scene is of: edits that leave light alone make others of the same light.
+    worlds: Vec<Weak<World>>,
+    light_revision: u64,
+    /// When the present light was first seen.
+    since: Option<Instant>,
 }
 
 impl SceneOnCard {
-    /// Begins to bring the present scene to the card, once what was begun before is done.
-    pub(super) fn follow(&mut self, snapshot: &Snapshot, workshop: &Workshop) {
-        let Some(gpu) = workshop.card.gpu() else {
-            *self = SceneOnCard::default();
-            return;
-        };
-        if self.scene.is_some() && !self.is_ready {
-            match super::lock(&self.outcome).take() {
-                // On its way.
-                None => return,
-                Some(Ok(())) => self.is_ready = true,
-                Some(Err(error)) => {
-                    workshop.card.give_up(&error);
-                    return;
-                }
-            }
-        }
-        if self.scene.as_ref().is_some_and(|scene| Arc::ptr_eq(scene.world(), &snapshot.world)) {
+    /// Begins to bring the present scene to the card, and takes note of how that goes.
+    ///
+    /// - `is_looked_at`: somebody looks at it; what nobody looks at leaves the card
+    pub(super) fn follow(&mut self, snapshot: &Snapshot, workshop: &Workshop, is_looked_at: bool) {
+        self.note_outcome(workshop);
+        if matches!(self.stage, Stage::Coming(..)) {
+            // Whatever has changed since is looked at once it has come.
             return;
         }
-        let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(&snapshot.world)));
-        let outcome = Arc::new(Mutex::new(None));
-        (self.scene, self.outcome, self.is_ready) = (Some(Arc::clone(&scene)), Arc::clone(&outcome), false);
-        let make_ready = move || {
-            // Most viewers look at light that is looked up.
-            let result = scene.make_ready(true);
-            *super::lock(&outcome) = Some(result);
+        if workshop.card.gpu().is_none() || !is_looked_at {
+            self.leave();
+            return;
+        }
+        if self.since.is_none() || self.light_revision != snapshot.light_revision {
+            // While the first scene is awaited there is nothing to settle.
+            let settled = if self.since.is_none() { Instant::now().checked_sub(SETTLED) } else { None };
+            self.leave();
+            self.light_revision = snapshot.light_revision;
+            self.since = settled.or_else(|| Some(Instant::now()));
+        }
+        if !self.is_of(&snapshot.world) {
+            self.worlds.retain(|world| world.strong_count() > 0);
+            self.worlds.push(Arc::downgrade(&snapshot.world));
+        }
+        let is_settled = self.since.is_some_and(|since| since.elapsed() >= SETTLED);
+        let is_due = match &self.stage {
+            Stage::Nothing => is_settled,
+            Stage::Later(at) => Instant::now() >= *at,
+            _ => false,
         };
-        if let Err(error) = std::thread::Builder::new().name("card".into()).spawn(make_ready) {
-            tracing::warn!(%error, "no thread for the graphics card");
-            *self = SceneOnCard::default();
+        if is_due {
+            self.begin(snapshot, workshop);
         }
     }
 
     /// Lets the card draw a picture from its next pass on, if it has the picture's world ready; takes note where it failed.
-    pub(super) fn draw(&self, rendering: &mut Rendering, workshop: &Workshop) {
-        if let Some(error) = rendering.gpu_failure() {
-            workshop.card.give_up(error);
+    pub(super) fn draw(&mut self, rendering: &mut Rendering, workshop: &Workshop) {
+        let failure = rendering.take_gpu_failure();
+        if let Some(error) = failure.filter(|_| matches!(self.stage, Stage::Ready)) {
+            self.note_failure(&error, workshop);
+        }
+        if !matches!(self.stage, Stage::Ready) || rendering.is_on_gpu() || !self.is_of(rendering.world()) {
             return;
         }
-        let Some(scene) = self.scene.as_ref().filter(|_| self.is_ready && !rendering.is_on_gpu()) else {
-            return;
-        };
-        let of_world = |world: &Arc<World>| Arc::ptr_eq(scene.world(), world);
-        if of_world(rendering.world()) {
+        if let Some(scene) = &self.scene {
             // Pictures by records of irradiance stay on the CPU.
             let _ = rendering.draw_on(Arc::clone(scene));
         }
+    }
+
+    fn is_of(&self, world: &Arc<World>) -> bool {
+        self.worlds.iter().any(|own| std::ptr::eq(own.as_ptr(), Arc::as_ptr(world)))
+    }
+
+    /// Gives back what it holds of the card, also where a stalled viewer's picture still names it.
+    fn leave(&mut self) {
+        if let Stage::Coming(_, thread) = std::mem::take(&mut self.stage) {
+            // At the end of the server: what it brings is taken off again below.
+            let _ = thread.join();
+        }
+        if let Some(scene) = self.scene.take() {
+            scene.withdraw();
+        }
+        (self.worlds, self.since) = (Vec::new(), None);
+    }
+
+    fn begin(&mut self, snapshot: &Snapshot, workshop: &Workshop) {
+        let Some(gpu) = workshop.card.gpu() else { return };
+        if workshop.card.is_busy.swap(true, SeqCst) {
+            return;
+        }
+        let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(&snapshot.world)));
+        let outcome = Outcome::default();
+        let make_ready = {
+            let (scene, outcome) = (Arc::clone(&scene), Arc::clone(&outcome));
+            let is_busy = Arc::clone(&workshop.card.is_busy);
+            move || {
+                // Most viewers look at light that is looked up. Drivers may panic in wgpu: that is a failure like others.
+                let made = catch_unwind(AssertUnwindSafe(|| scene.make_ready(true)));
+                let failed =
+                    |_| Err(GpuError::Failed { what: "bringing the scene to the card panicked".into() });
+                *lock(&outcome) = Some(made.unwrap_or_else(failed));
+                is_busy.store(false, SeqCst);
+            }
+        };
+        match std::thread::Builder::new().name("card".into()).spawn(make_ready) {
+            Ok(thread) => (self.scene, self.stage) = (Some(scene), Stage::Coming(outcome, thread)),
+            Err(error) => {
+                workshop.card.is_busy.store(false, SeqCst);
+                tracing::warn!(%error, "no thread for the graphics card");
+                self.stage = Stage::Later(Instant::now() + RETRY);
+            }
+        }
+    }
+
+    fn note_outcome(&mut self, workshop: &Workshop) {
+        let Stage::Coming(outcome, _) = &self.stage else { return };
+        let Some(result) = lock(outcome).take() else { return };
+        match result {
+            Ok(()) => self.stage = Stage::Ready,
+            Err(error) => self.note_failure(&error, workshop),
+        }
+    }
+
+    fn note_failure(&mut self, error: &GpuError, workshop: &Workshop) {
+        self.stage = match error {
+            GpuError::OutOfMemory { .. } => {
+                tracing::warn!(%error, "the scene is drawn on the CPU");
+                Stage::Refused
+            }
+            GpuError::Lost | GpuError::NoDevice { .. } | GpuError::NoAdapter { .. } => {
+                tracing::warn!(%error, "drawing on the CPU until the graphics card is back");
+                Stage::Later(Instant::now() + RETRY)
+            }
+            GpuError::Insufficient { .. }
+            | GpuError::Shader { .. }
+            | GpuError::TimedOut { .. }
+            | GpuError::Failed { .. } => {
+                workshop.card.give_up(error);
+                Stage::Refused
+            }
+        };
+        if let Some(scene) = &self.scene {
+            scene.withdraw();
+        }
+    }
+}
+
+impl Drop for SceneOnCard {
+    fn drop(&mut self) {
+        self.leave();
     }
 }

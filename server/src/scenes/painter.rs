@@ -89,7 +89,8 @@ impl Painter {
             });
             self.settle_drawings();
             let snapshot = self.scene.snapshot();
-            self.on_card.follow(&snapshot, &self.scene.workshop);
+            let is_looked_at = !viewers.is_empty() || !self.drawings.is_empty();
+            self.on_card.follow(&snapshot, &self.scene.workshop, is_looked_at);
             self.follow_light(&viewers, &snapshot);
             let tasks: Vec<(Arc<Viewer>, Option<Wish>, Task)> = viewers
                 .into_iter()
@@ -522,6 +523,7 @@ impl Painter {
         self.on_card.draw(rendering, &self.scene.workshop);
         let metrics = &self.scene.workshop.metrics;
         let (samples_before, counts_before) = (rendering.sample_count(), rendering.counts());
+        let gpu_passes_before = rendering.gpu_passes();
         let started = Instant::now();
         self.alarm.set(cut.after.map(|after| started + after));
         let scene = &self.scene;
@@ -532,9 +534,7 @@ impl Painter {
         let samples = rendering.sample_count() - samples_before;
         let counts = rendering.counts();
         if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
-        if progress.complete && rendering.is_on_gpu() {
-            metrics.passes_gpu.one();
-        }
+        metrics.passes_gpu.add(rendering.gpu_passes() - gpu_passes_before);
         metrics.samples.add(samples);
         metrics.rays.add((counts - counts_before).all_rays());
         metrics.render_us.add((seconds * 1e6) as u64);

@@ -4,7 +4,9 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GpuError {
     /// No adapter that the choice allows.
-    #[error("no graphics adapter can be used: {reason}; take the CPU backend")]
+    #[error(
+        "no graphics adapter can be used: {reason}; install a driver for Vulkan, Metal or DirectX 12, or take the CPU backend"
+    )]
     NoAdapter {
         /// Which were found and why none was taken.
         reason: String,

@@ -83,8 +83,14 @@ impl Rendering {
     /// Keeps the measure of the error up with the rest of the work.
     pub(super) fn measure(&mut self, cancel: &AtomicBool) {
         let spent = self.spent_rays();
+        #[cfg(feature = "gpu")]
+        let start = std::time::Instant::now();
         let Some(measuring) = &mut self.measuring else { return };
-        self.counts += measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
+        let counts = measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
+        self.counts += counts;
+        #[cfg(feature = "gpu")]
+        self.note_cpu_work(counts.all_rays(), start);
+        let Some(measuring) = &mut self.measuring else { return };
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
             let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };

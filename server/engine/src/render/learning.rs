@@ -8,7 +8,7 @@ use std::{
 use super::{Illumination, Learning, RecordReport, Rendering, Stage, tracer};
 use crate::{
     film::Outdated,
-    technique::{Counts, Progress, SecondaryLight},
+    technique::{Progress, SecondaryLight},
     transport::PathClass,
 };
 
@@ -21,7 +21,7 @@ impl Rendering {
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let is_late = self.is_late();
+        let (is_late, spent_before) = (self.is_late(), self.spent_rays());
         let learner = self.learner.as_mut()?;
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
@@ -36,7 +36,7 @@ impl Rendering {
             }
             return None;
         }
-        let (start, counts_before) = (Instant::now(), self.counts);
+        let start = Instant::now();
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
         let is_better = learner.step(&self.world, cancel);
@@ -49,7 +49,7 @@ impl Rendering {
         #[cfg(feature = "gpu")]
         self.note_cpu_work(counts.all_rays(), start);
         if !is_first {
-            self.lead += self.work(start, counts_before);
+            self.lead += self.work(start, spent_before);
         }
         Some(Progress { counts, complete: false })
     }
@@ -61,10 +61,12 @@ impl Rendering {
     }
 
     /// What was done since then, in seconds, or in rays where no clock may decide.
-    pub(super) fn work(&self, start: Instant, before: Counts) -> f64 {
+    ///
+    /// - `spent_before`: [`Rendering::spent_rays`] then
+    pub(super) fn work(&self, start: Instant, spent_before: u64) -> f64 {
         match self.settings.learning {
             Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
-            Learning::First | Learning::InStep => (self.counts - before).all_rays() as f64,
+            Learning::First | Learning::InStep => self.spent_rays().saturating_sub(spent_before) as f64,
         }
     }
 

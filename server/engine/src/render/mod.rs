@@ -43,7 +43,7 @@ use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 #[cfg(feature = "gpu")]
-pub use backend::{BackendTrial, CpuOnly, is_software};
+pub use backend::{BackendTrial, CpuOnly};
 pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
@@ -87,6 +87,17 @@ pub enum Backend {
     /// On a graphics card, once the picture is [given one](Rendering::draw_on). The best chain that exists there is the octree,
     /// and the path tracer beside it.
     Gpu,
+}
+
+impl Backend {
+    /// Memory of one pixel of a film, beside the film's own: samples on their way from a card.
+    fn bytes_per_pixel(self) -> usize {
+        match self {
+            #[cfg(feature = "gpu")]
+            Backend::Gpu => crate::technique::path::GpuPathTracer::BYTES_PER_PIXEL,
+            _ => 0,
+        }
+    }
 }
 
 /// When a picture that learns of its light by itself is drawn.
@@ -136,7 +147,8 @@ impl RenderSettings {
         let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
         let light = (maps * of.bytes_max()).max(CausticSketch::bytes_max(pixel_count));
-        films * pixel_count * Film::BYTES_PER_PIXEL + if maps > 0 { light } else { 0 }
+        films * pixel_count * (Film::BYTES_PER_PIXEL + self.backend.bytes_per_pixel())
+            + if maps > 0 { light } else { 0 }
     }
 
     /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
@@ -198,6 +210,8 @@ pub struct Rendering {
     /// Why nothing does any more.
     #[cfg(feature = "gpu")]
     gpu_failure: Option<GpuError>,
+    #[cfg(feature = "gpu")]
+    gpu_passes: u64,
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
     /// What stands for them in the first pass.
@@ -298,6 +312,8 @@ impl Rendering {
             gpu: None,
             #[cfg(feature = "gpu")]
             gpu_failure: None,
+            #[cfg(feature = "gpu")]
+            gpu_passes: 0,
             learnt,
             looked_up,
             caustics,
@@ -347,7 +363,7 @@ impl Rendering {
             Turn::Traced => self.trace(cancel),
         };
         self.counts += progress.counts;
-        self.lead -= self.learning_share() * self.work(start, before);
+        self.lead -= self.learning_share() * self.work(start, spent_before);
         // Whoever waits for a first picture waits for nothing else.
         self.ungranted_rays += self.spent_rays().saturating_sub(spent_before);
         if progress.complete && !is_first {

@@ -21,7 +21,7 @@ use super::super::{CliError, SceneSource};
 ///
 /// Stops at the first of --samples, --time and --error that is given and reached. When none is given, it stops
 /// at 2 % error or after 60 seconds.
-/// The same scene, seed and --samples or --error give the same bytes, whatever the number of threads.
+/// The same scene, seed and --samples or --error give the same bytes on the CPU, whatever the number of threads.
 #[derive(Clone, Debug, clap::Args)]
 pub struct RenderArgs {
     /// Scene file (.glb, .gltf, .obj), builtin:cornell-box or builtin:boxes

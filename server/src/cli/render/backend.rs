@@ -54,6 +54,7 @@ impl DrawnOn {
         (view, size): (&CameraView, PictureSize),
         settings: &RenderSettings,
     ) -> DrawnOn {
+        let settings = &RenderSettings { backend: render::Backend::Gpu, ..*settings };
         if settings.draws_on_gpu().is_err() || !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }

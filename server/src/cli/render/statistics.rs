@@ -232,8 +232,12 @@ impl Statistics {
             }
             _ => "error unknown".into(),
         };
+        let shaders = match self.seconds.shaders {
+            0.0 => String::new(),
+            seconds => format!(", {seconds:.2} s to compile shaders"),
+        };
         format!(
-            "{}: {}×{}, {} samples per pixel, {error}, {:.2} s (and {:.2} s to load), {:.2} M rays/s, stopped by {}",
+            "{}: {}×{}, {} samples per pixel, {error}, {:.2} s (and {:.2} s to load{shaders}), {:.2} M rays/s, stopped by {}",
             self.out,
             self.size[0],
             self.size[1],

@@ -56,9 +56,10 @@ const WORKGROUP: u32 = 64;
 const BATCH_SECONDS: f64 = 0.01;
 /// The same where the adapter is the CPU itself: no watchdog there, and small batches cost as much to begin as to run.
 const SOFTWARE_BATCH_SECONDS: f64 = 0.1;
-/// Fewest and most paths of a slice. 288 bytes each.
+/// Fewest and most paths of a slice, 288 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
+/// its own.
 const SLICE_MIN: u32 = 4096;
-const SLICE_MAX: u32 = 1 << 20;
+const SLICE_MAX: u32 = 1 << 18;
 /// The same where the adapter is the CPU itself.
 const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
 /// Scatterings of the first batch of a slice, and most of a later one, which has ever fewer paths.
@@ -398,13 +399,8 @@ impl Ready {
     }
 
     /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
-    /// to do, and the samples so far.
-    fn trace(
-        &self,
-        header: &GpuPassHeader,
-        done: u32,
-        scatterings: u32,
-    ) -> Result<(GpuCounters, crate::gpu::ReadBack), GpuError> {
+    /// to do.
+    fn trace(&self, header: &GpuPassHeader, done: u32, scatterings: u32) -> Result<GpuCounters, GpuError> {
         let mut batch = self.session.batch("paths")?;
         let groups = [&self.world.trees_group, &self.world.group, &self.places.group];
         let (shade, shade_groups) = self.shading(&groups);
@@ -422,29 +418,27 @@ impl Ready {
             self.turn(&mut batch, &groups)?;
         }
         let counters = batch.read_back(&self.places.counters, 0..size_of::<GpuCounters>() as u64)?;
-        let samples =
-            batch.read_back(&self.places.samples, 0..u64::from(header.path_count) * SAMPLE_BYTES)?;
         batch.submit()?;
-        let counters = bytemuck::pod_read_unaligned(&counters.collect()?);
-        Ok((counters, samples))
+        Ok(bytemuck::pod_read_unaligned(&counters.collect()?))
     }
 
     /// A slice until its last path has ended.
     fn trace_all(&self, header: &GpuPassHeader) -> Result<Slice, GpuError> {
         let start = Instant::now();
         let mut scatterings = SCATTERINGS_FIRST;
-        let (mut counters, mut samples) = self.trace(header, 0, scatterings)?;
+        let mut counters = self.trace(header, 0, scatterings)?;
         let first_seconds = start.elapsed().as_secs_f64();
         while counters.ray_count > 0 {
             scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
-            (counters, samples) = self.trace(header, 1, scatterings)?;
+            counters = self.trace(header, 1, scatterings)?;
         }
         let counts = Counts {
             rays: u64::from(counters.rays),
             shadow_rays: u64::from(counters.shadow_rays),
             paths: u64::from(header.path_count),
         };
-        Ok(Slice { samples: samples.collect()?, counts, first_seconds })
+        let bytes = 0..u64::from(header.path_count) * SAMPLE_BYTES;
+        Ok(Slice { samples: self.session.read(&self.places.samples, bytes)?, counts, first_seconds })
     }
 
     /// The shadow rays of a scattering, once it is known how many there are.
@@ -471,13 +465,16 @@ struct Slice {
 pub struct GpuScene {
     gpu: Arc<Gpu>,
     world: Arc<World>,
+    /// The adapter is the CPU itself.
+    is_software: bool,
     ready: Mutex<Option<Ready>>,
 }
 
 impl GpuScene {
     /// Of a world as it is.
     pub fn new(gpu: Arc<Gpu>, world: Arc<World>) -> GpuScene {
-        GpuScene { gpu, world, ready: Mutex::default() }
+        let is_software = gpu.report().kind == AdapterKind::Software;
+        GpuScene { gpu, world, is_software, ready: Mutex::default() }
     }
 
     /// The world.
@@ -514,10 +511,6 @@ impl GpuScene {
         if asks { ready.be_able_to_ask() } else { Ok(()) }
     }
 
-    fn is_software(&self) -> bool {
-        self.gpu.report().kind == AdapterKind::Software
-    }
-
     /// Runs `work` with all that is needed, on a device that works.
     fn with_ready<T>(
         &self,
@@ -525,7 +518,7 @@ impl GpuScene {
         known: Option<&Arc<dyn SecondaryLight>>,
         work: impl FnOnce(&Ready) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        let most = if self.is_software() { SOFTWARE_SLICE_MAX } else { SLICE_MAX };
+        let most = if self.is_software { SOFTWARE_SLICE_MAX } else { SLICE_MAX };
         let capacity = u32::try_from(pixel_count).unwrap_or(u32::MAX).clamp(1, most);
         let mut held = locked(&self.ready);
         if held.as_ref().is_some_and(|ready| ready.session.check().is_err()) {
@@ -535,9 +528,17 @@ impl GpuScene {
             Some(ready) => ready,
             nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, capacity)?),
         };
-        ready.make_room(capacity)?;
-        ready.ask(known)?;
-        work(ready)
+        let result = ready.make_room(capacity).and_then(|()| ready.ask(known)).and_then(|()| work(ready));
+        if result.is_err() {
+            // What was half done is done anew.
+            *held = None;
+        }
+        result
+    }
+
+    /// Takes it off the card; whoever draws it again brings it back.
+    pub fn withdraw(&self) {
+        *locked(&self.ready) = None;
     }
 }
 
@@ -572,6 +573,9 @@ pub struct GpuPathTracer {
 }
 
 impl GpuPathTracer {
+    /// Memory of a pass that was begun, beside the card's.
+    pub const BYTES_PER_PIXEL: usize = SAMPLE_BYTES as usize;
+
     /// Pictures of a scene; steps are to be of the same world.
     pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
         GpuPathTracer {
@@ -624,7 +628,7 @@ impl GpuPathTracer {
                 .chunks_exact(SAMPLE_BYTES as usize)
                 .map(bytemuck::pod_read_unaligned::<GpuPixelSample>),
         );
-        let is_software = self.scene.is_software();
+        let is_software = self.scene.is_software;
         let seconds_max = if is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
         let most = if is_software { SOFTWARE_SLICE_MAX } else { SLICE_MAX };
         if slice.first_seconds > seconds_max {
@@ -643,11 +647,10 @@ impl GpuPathTracer {
         let pixel_count = film.size().pixel_count();
         let header = self.header_of(view, film, pass);
         let of_this = |begun: &Begun| begun.header == header && begun.pass == pass;
-        let mut begun = self.begun.take().filter(of_this).unwrap_or_else(|| Begun {
-            header,
-            pass,
-            samples: Vec::with_capacity(pixel_count),
-        });
+        let mut begun = match self.begun.take().filter(of_this) {
+            Some(begun) => begun,
+            None => Begun { header, pass, samples: room_for(pixel_count)? },
+        };
         while begun.samples.len() < pixel_count {
             if step.cancel.load(Ordering::Relaxed) {
                 self.begun = Some(begun);
@@ -698,6 +701,19 @@ impl GpuPathTracer {
             },
         );
     }
+}
+
+/// Room for the samples of a pass.
+fn room_for(pixel_count: usize) -> Result<Vec<GpuPixelSample>, GpuError> {
+    let mut samples = Vec::new();
+    let refused = |_| GpuError::OutOfMemory {
+        name: "samples of a pass".into(),
+        byte_count: pixel_count as u64 * SAMPLE_BYTES,
+        bytes_allowed: 0,
+        limit: "this machine's memory",
+    };
+    samples.try_reserve_exact(pixel_count).map_err(refused)?;
+    Ok(samples)
 }
 
 fn sample_of(packed: &GpuPixelSample) -> PixelSample {

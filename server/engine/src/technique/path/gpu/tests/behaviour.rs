@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use super::*;
 use crate::{
+    effects::{EffectChoice, EffectChoices, EffectKind},
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
-    render::{RenderSettings, Rendering},
+    render::{Indirect, RenderSettings, Rendering},
     scene::samples,
 };
 
@@ -138,4 +139,29 @@ fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
     assert_eq!(found, Some(failure));
     let (by_cpu, _) = draw(None);
     assert_same_bits(&by_cpu, &by_both);
+}
+
+/// Photons of their own bring caustics to a picture on a card as well, with or without indirect light: the CPU draws it.
+#[test]
+fn caustics_by_photons_are_not_lost_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let mut without_indirect = EffectChoices::default();
+    *without_indirect.choice_mut(EffectKind::Indirect).unwrap() = EffectChoice::Off;
+    for effects in [EffectChoices::default(), without_indirect] {
+        let settings = RenderSettings { indirect: Indirect::Octree, effects, ..RenderSettings::default() };
+        let [by_cpu, on_card] = [None, Some(&scene)].map(|scene| {
+            let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
+            if let Some(scene) = scene {
+                rendering.draw_on(Arc::clone(scene)).unwrap();
+            }
+            while rendering.passes() < 2 {
+                rendering.step(&AtomicBool::new(false));
+            }
+            rendering.film().clone()
+        });
+        assert!(by_cpu.layer(PathClass::Caustic).iter().any(|radiance| !radiance.is_black()));
+        assert_same_bits(&by_cpu, &on_card);
+    }
 }

@@ -95,6 +95,7 @@ fn extreme_light_ratios_stay_finite() {
         let kind = LightKind::Directional { irradiance: Rgb::splat(sun) };
         let direction = DVec3::new(0.1, -0.2, -1.0).normalize();
         builder.add_light(id("sun"), Light { parent: None, position: DVec3::ZERO, direction, kind }).unwrap();
-        film(&gpu, builder.finish().0, 24, 4, 10);
+        let film = film(&gpu, builder.finish().0, 24, 4, 10);
+        assert!(film.layer(PathClass::Direct).iter().any(|radiance| radiance.max_component() > 1e3));
     }
 }
