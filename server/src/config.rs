@@ -4,6 +4,7 @@
 //! like, or `--set key=value` for any key). `deploy/lumicast.toml` is this list as a file; a test keeps them equal.
 
 use crate::assets::AssetLimits;
+use lumicast_engine::gpu::{AdapterChoice, GpuOptions};
 use lumicast_engine::render::MeasuringShare;
 use lumicast_engine::scene::SceneLimits;
 use lumicast_protocol::Limits;
@@ -88,6 +89,11 @@ settings! {
     /// What draws pictures: cpu; gpu, a graphics card or what stands for one; auto: a graphics card where there is one. Light is
     /// learnt on the CPU in any case, and pictures by records of irradiance (`technique: irradiance`) are drawn there.
     backend: String = "auto".into();
+    /// Bytes that all scenes together may take on the graphics card, 75 MB each for paths on their way and about 150 a triangle;
+    /// a scene for which no room is left is drawn on the CPU.
+    gpu_bytes: u64 = 2 << 30;
+    /// Seconds that a graphics card may take for a piece of work of some milliseconds before it counts as hanging.
+    gpu_seconds_max: u64 = 60;
     /// Rendering threads, shared by all scenes; 0: one per core.
     threads: u64 = 0;
     /// Seed of all random numbers: the same seed, scene and camera give the same picture.
@@ -301,6 +307,11 @@ impl Config {
         }
     }
 
+    /// What opening a graphics card is to heed.
+    pub(crate) fn gpu_options(&self, adapter: AdapterChoice) -> GpuOptions {
+        GpuOptions { adapter, bytes_max: self.gpu_bytes, seconds_max: self.gpu_seconds_max as f64 }
+    }
+
     /// Share of the time that measuring the error of pictures may take.
     pub fn measuring(&self) -> MeasuringShare {
         // The number was checked when it was read.
@@ -313,6 +324,9 @@ impl Config {
         };
         if !["auto", "cpu", "gpu"].contains(&self.backend.as_str()) {
             return bad("backend", &self.backend, "auto, cpu or gpu");
+        }
+        if self.gpu_seconds_max == 0 {
+            return bad("gpu_seconds_max", &self.gpu_seconds_max, "at least 1");
         }
         if !["text", "json"].contains(&self.log_format.as_str()) {
             return bad("log_format", &self.log_format, "text or json");

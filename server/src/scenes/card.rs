@@ -38,11 +38,13 @@ impl Card {
     /// Errors: `gpu` is asked for by name, and there is none.
     pub(super) fn open(config: &Config) -> Result<Card, GpuError> {
         let gpu = match config.backend.as_str() {
-            "gpu" => Some(Gpu::open(AdapterChoice::Any)?),
+            "gpu" => Some(Gpu::open_with(&config.gpu_options(AdapterChoice::Any))?),
             // A driver that computes on the CPU would take the cores from what computes there faster.
-            "auto" if graphics::may_have_card() => Gpu::open(AdapterChoice::Hardware)
-                .inspect_err(|error| tracing::info!(%error, "no graphics card is used"))
-                .ok(),
+            "auto" if graphics::may_have_card() => {
+                Gpu::open_with(&config.gpu_options(AdapterChoice::Hardware))
+                    .inspect_err(|error| tracing::info!(%error, "no graphics card is used"))
+                    .ok()
+            }
             _ => None,
         };
         match &gpu {
