@@ -14,7 +14,6 @@ use lumicast_engine::transport::World;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, Weak};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A scene is brought to the card once it was left alone for so long: who drags a lamp changes it with every picture.
@@ -84,7 +83,7 @@ enum Stage {
     #[default]
     Nothing,
     /// On its way, on a thread of its own.
-    Coming(Outcome, JoinHandle<()>),
+    Coming(Outcome),
     /// Pictures can be drawn.
     Ready,
     /// It does not fit.
@@ -141,19 +140,32 @@ impl SceneOnCard {
         }
     }
 
-    /// Lets the card draw a picture from its next pass on, if it has the picture's world ready; takes note where it failed.
-    pub(super) fn draw(&mut self, rendering: &mut Rendering, workshop: &Workshop) {
+    /// Lets the card draw a picture from its next pass on, if it has the picture's world ready, and only then.
+    pub(super) fn draw(&self, rendering: &mut Rendering, workshop: &Workshop) {
+        let is_ready = matches!(self.stage, Stage::Ready) && workshop.card.gpu().is_some();
+        let own = self.scene.as_ref().filter(|_| is_ready && self.is_of(rendering.world()));
+        if let Some(on) = rendering.gpu_scene() {
+            if !own.is_some_and(|own| Arc::ptr_eq(own, on)) {
+                // It would bring back by itself what was taken off the card.
+                rendering.leave_gpu();
+            }
+        } else if let Some(own) = own {
+            // Pictures by records of irradiance stay on the CPU.
+            let _ = rendering.draw_on(Arc::clone(own));
+        }
+    }
+
+    /// Takes note where a pass failed on the card; at once, as the picture may be thrown away.
+    pub(super) fn note(&mut self, rendering: &mut Rendering, workshop: &Workshop) {
         let failure = rendering.take_gpu_failure();
         if let Some(error) = failure.filter(|_| matches!(self.stage, Stage::Ready)) {
             self.note_failure(&error, workshop);
         }
-        if !matches!(self.stage, Stage::Ready) || rendering.is_on_gpu() || !self.is_of(rendering.world()) {
-            return;
-        }
-        if let Some(scene) = &self.scene {
-            // Pictures by records of irradiance stay on the CPU.
-            let _ = rendering.draw_on(Arc::clone(scene));
-        }
+    }
+
+    /// It is on its way: whether it still is to be there is to be asked again.
+    pub(super) fn is_coming(&self) -> bool {
+        matches!(self.stage, Stage::Coming(..))
     }
 
     fn is_of(&self, world: &Arc<World>) -> bool {
@@ -162,11 +174,11 @@ impl SceneOnCard {
 
     /// Gives back what it holds of the card, also where a stalled viewer's picture still names it.
     fn leave(&mut self) {
-        if let Stage::Coming(_, thread) = std::mem::take(&mut self.stage) {
-            // At the end of the server: what it brings is taken off again below.
-            let _ = thread.join();
-        }
-        if let Some(scene) = self.scene.take() {
+        let stage = std::mem::take(&mut self.stage);
+        if let Some(scene) = self.scene.take()
+            // What is on its way goes with its thread, for which nobody waits.
+            && !matches!(stage, Stage::Coming(_))
+        {
             scene.withdraw();
         }
         (self.worlds, self.since) = (Vec::new(), None);
@@ -192,7 +204,7 @@ impl SceneOnCard {
             }
         };
         match std::thread::Builder::new().name("card".into()).spawn(make_ready) {
-            Ok(thread) => (self.scene, self.stage) = (Some(scene), Stage::Coming(outcome, thread)),
+            Ok(_) => (self.scene, self.stage) = (Some(scene), Stage::Coming(outcome)),
             Err(error) => {
                 workshop.card.is_busy.store(false, SeqCst);
                 tracing::warn!(%error, "no thread for the graphics card");
@@ -202,7 +214,7 @@ impl SceneOnCard {
     }
 
     fn note_outcome(&mut self, workshop: &Workshop) {
-        let Stage::Coming(outcome, _) = &self.stage else { return };
+        let Stage::Coming(outcome) = &self.stage else { return };
         let Some(result) = lock(outcome).take() else { return };
         match result {
             Ok(()) => self.stage = Stage::Ready,

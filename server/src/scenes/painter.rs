@@ -29,6 +29,8 @@ use std::time::{Duration, Instant};
 const SLICE_SECONDS: f64 = 0.1;
 /// Slice of learning about the light between two slices of refining, for one viewer alone.
 const LEARNING_SECONDS: f64 = 0.2;
+/// While the scene is on its way to the card, who rests looks whether it has come, or is still wanted.
+const CARD_SECONDS: Duration = Duration::from_secs(1);
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
@@ -110,7 +112,8 @@ impl Painter {
                     Task::Later(at) => Some(*at),
                     _ => None,
                 });
-                self.rest_until(later.min());
+                let look_again = self.on_card.is_coming().then(|| Instant::now() + CARD_SECONDS);
+                self.rest_until(later.chain(look_again).min());
             }
         }
     }
@@ -528,6 +531,7 @@ impl Painter {
         self.alarm.set(cut.after.map(|after| started + after));
         let scene = &self.scene;
         let progress = scene.workshop.drawing_pool.install(|| rendering.step(&scene.cancel));
+        self.on_card.note(rendering, &scene.workshop);
         self.alarm.set(None);
         self.scene.interruptible.store(false, SeqCst);
         let seconds = started.elapsed().as_secs_f64();

@@ -181,10 +181,8 @@ impl Session {
         if self.fate.is_lost.load(Ordering::Acquire) {
             return Err(GpuError::Lost);
         }
-        match &*locked(&self.fate.failure) {
-            Some(what) => Err(GpuError::Failed { what: what.clone() }),
-            None => Ok(()),
-        }
+        let Some(what) = locked(&self.fate.failure).clone() else { return Ok(()) };
+        Err(self.loss_or(GpuError::Failed { what }))
     }
 
     /// Throws the device away as a driver would, for tests of what happens then.
@@ -216,8 +214,14 @@ impl Session {
         self.check()?;
         match errors.into_iter().flatten().next() {
             None => Ok(done),
-            Some(error) => Err(error_of(error)),
+            Some(error) => Err(self.loss_or(error_of(error))),
         }
+    }
+
+    /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here.
+    fn loss_or(&self, error: GpuError) -> GpuError {
+        let _ = self.poll(wgpu::PollType::Poll);
+        if self.fate.is_lost.load(Ordering::Acquire) { GpuError::Lost } else { error }
     }
 
     /// Looks at the device; `Ok(false)` when the time was up.

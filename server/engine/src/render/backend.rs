@@ -156,6 +156,11 @@ impl Rendering {
         Ok(())
     }
 
+    /// Goes on by the CPU.
+    pub fn leave_gpu(&mut self) {
+        self.gpu = None;
+    }
+
     /// It is drawn on a card.
     pub fn is_on_gpu(&self) -> bool {
         self.gpu.is_some()

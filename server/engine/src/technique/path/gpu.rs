@@ -16,7 +16,10 @@ mod step_clock;
 mod tests;
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU32, Ordering},
+    },
     time::Instant,
 };
 
@@ -468,13 +471,15 @@ pub struct GpuScene {
     /// The adapter is the CPU itself.
     is_software: bool,
     ready: Mutex<Option<Ready>>,
+    /// Devices lost one after the other without a finished pass, by whichever picture.
+    losses: AtomicU32,
 }
 
 impl GpuScene {
     /// Of a world as it is.
     pub fn new(gpu: Arc<Gpu>, world: Arc<World>) -> GpuScene {
         let is_software = gpu.report().kind == AdapterKind::Software;
-        GpuScene { gpu, world, is_software, ready: Mutex::default() }
+        GpuScene { gpu, world, is_software, ready: Mutex::default(), losses: AtomicU32::new(0) }
     }
 
     /// The world.
@@ -568,7 +573,6 @@ pub struct GpuPathTracer {
     begun: Option<Begun>,
     /// Paths of the next slice.
     slice: u32,
-    losses: u32,
     failure: Option<GpuError>,
 }
 
@@ -578,15 +582,7 @@ impl GpuPathTracer {
 
     /// Pictures of a scene; steps are to be of the same world.
     pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
-        GpuPathTracer {
-            scene,
-            settings,
-            secondary: None,
-            begun: None,
-            slice: SLICE_MIN,
-            losses: 0,
-            failure: None,
-        }
+        GpuPathTracer { scene, settings, secondary: None, begun: None, slice: SLICE_MIN, failure: None }
     }
 
     /// Draws what `tracer` would from now on; maps of caustics excepted.
@@ -659,7 +655,7 @@ impl GpuPathTracer {
             progress.counts += self.trace_slice(&mut begun, pixel_count)?;
         }
         self.add_to(film, &begun.samples);
-        self.losses = 0;
+        self.scene.losses.store(0, Ordering::Relaxed);
         Ok(progress)
     }
 
@@ -737,8 +733,7 @@ impl Technique for GpuPathTracer {
         match self.trace_pass(step) {
             Ok(progress) => progress,
             // The next step opens another device and uploads again.
-            Err(GpuError::Lost) if self.losses < LOSSES_MAX => {
-                self.losses += 1;
+            Err(GpuError::Lost) if self.scene.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => {
                 Progress::default()
             }
             Err(error) => {
