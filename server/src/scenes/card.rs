@@ -12,7 +12,7 @@ use lumicast_engine::render::{Backend, Rendering};
 use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering::SeqCst};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
@@ -27,6 +27,8 @@ pub struct Card {
     gpu: Option<Arc<Gpu>>,
     /// It cannot run our steps.
     is_given_up: AtomicBool,
+    /// Commands that it refused, of which nobody knows why: drivers that are going say many things before they are gone.
+    refusals: AtomicU32,
     /// Some scene is being brought to it: one at a time.
     is_busy: Arc<AtomicBool>,
 }
@@ -91,6 +93,9 @@ enum Stage {
     /// Not before then.
     Later(Instant),
 }
+
+/// Refused commands after which a card is given up.
+const REFUSALS_MAX: u32 = 8;
 
 /// One scene on the card.
 #[derive(Debug, Default)]
@@ -230,6 +235,10 @@ impl SceneOnCard {
             }
             GpuError::Lost | GpuError::NoDevice { .. } | GpuError::NoAdapter { .. } => {
                 tracing::warn!(%error, "drawing on the CPU until the graphics card is back");
+                Stage::Later(Instant::now() + RETRY)
+            }
+            GpuError::Failed { .. } if workshop.card.refusals.fetch_add(1, SeqCst) < REFUSALS_MAX => {
+                tracing::warn!(%error, "drawing on the CPU for a while");
                 Stage::Later(Instant::now() + RETRY)
             }
             GpuError::Insufficient { .. }

@@ -232,8 +232,8 @@ impl Session {
         match polled {
             Ok(Ok(_)) => Ok(true),
             Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
-            Ok(Err(error)) => Err(GpuError::Failed { what: error.to_string() }),
-            Err(_) => {
+            // A submission that came back with a number and is not known was refused meanwhile: by a device that is gone.
+            Ok(Err(wgpu::PollError::WrongSubmissionIndex(..))) | Err(_) => {
                 self.fate.is_lost.store(true, Ordering::Release);
                 Err(GpuError::Lost)
             }
