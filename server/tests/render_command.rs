@@ -138,8 +138,12 @@ fn a_signal_leaves_no_half_file() {
         let mut child =
             lumicast(folder.path(), line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        // This line comes once signals are watched.
-        assert!(lines.next().unwrap().unwrap().starts_with("rendering"));
+        // This line comes once signals are watched. Without it nothing would end the child.
+        let first = lines.next().unwrap().unwrap();
+        if !first.starts_with("rendering") {
+            child.kill().unwrap();
+            panic!("{first}");
+        }
         let kill = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
         assert!(kill.unwrap().success());
         assert_eq!(child.wait().unwrap().code(), Some(expected_code));

@@ -36,8 +36,8 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
     path.bounce = 0u;
     path.last_pdf = NO_DENSITY;
     path.eta_squared = 1.0;
-    path.left_instance = ABSENT;
-    path.left_triangle = ABSENT;
+    path.left_instance = NO_INDEX;
+    path.left_triangle = NO_INDEX;
     path.key = key;
     paths[slot] = path;
     samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u);

@@ -16,7 +16,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
 fn advance(slot: u32) -> bool {
     var path = paths[slot];
     let hit = hits[slot];
-    if hit.instance == ABSENT {
+    if hit.instance == NO_INDEX {
         add_environment(slot, path);
         return false;
     }
@@ -104,8 +104,8 @@ fn add_light_sample(slot: u32, path: Path, hit: Hit, surface: Surface, sampler: 
     shadow.origin = origin_towards(surface.point, light.wi);
     shadow.direction = light.wi;
     shadow.t_max = FLOAT_MAX;
-    shadow.light_instance = ABSENT;
-    shadow.light_triangle = ABSENT;
+    shadow.light_instance = NO_INDEX;
+    shadow.light_triangle = NO_INDEX;
     var medium_share = vec3f(1.0);
     if light.origin != 0u {
         var end = light.target_in_render;

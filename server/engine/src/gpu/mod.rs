@@ -25,5 +25,6 @@ pub use error::GpuError;
 pub use lumicast_shaders::{Constant, Part, Step};
 pub use pipeline::Pipeline;
 pub use read_back::ReadBack;
+pub(crate) use session::locked;
 pub use session::{Gpu, GpuOptions, Session};
 pub use trees::{GpuHit, GpuRay, GpuShadowRay, GpuTrees, Masks};

@@ -248,6 +248,6 @@ impl Fate {
 }
 
 /// What a lock holds. A thread that panicked meanwhile left whole values behind: none is written in two steps.
-pub(super) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+pub(crate) fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -6,8 +6,12 @@
 use std::ops::AddAssign;
 
 use super::{
-    Batch, BindGroup, Film, GpuCounters, GpuError, GpuPassHeader, GpuPathTracer, PictureSize, Ready,
-    SHADOW_SIZES_AT, View, WORKGROUP,
+    Film, GpuCounters, GpuPassHeader, GpuPathTracer, View,
+    scene::{Ready, SHADOW_SIZES_AT, WORKGROUP},
+};
+use crate::{
+    film::PictureSize,
+    gpu::{Batch, BindGroup, GpuError},
 };
 
 /// Seconds on the device, by step.

@@ -17,10 +17,10 @@ use std::{
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use super::*;
+use super::{scene::*, *};
 use crate::{
     film::PictureSize,
-    gpu::tests::open,
+    gpu::{Gpu, tests::open},
     scene::{
         CameraView, Light, LightKind, Material, MeshSource, Scene,
         samples::{Stage, quad},
@@ -29,6 +29,7 @@ use crate::{
         Products,
         path::{Tracer, closed_forms::SQUARE, primary_ray},
     },
+    transport::World,
 };
 
 /// Radiance, albedo and normals within these are the same path's. WGSL lets sine and cosine be off by 2⁻¹¹ = 4.9e-4 and

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use lumicast_shaders::PROOF_CONSTANTS;
+use lumicast_shaders::{PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PROOF_CONSTANTS};
 
 use super::*;
 use crate::{

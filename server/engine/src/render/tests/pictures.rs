@@ -1,0 +1,280 @@
+//! Pictures: by every technique all of the light is in them, and they say how far they are from it.
+
+use super::*;
+
+/// Direct light by sampling and the rest by the octree add up to what the furnace holds, E / (1 − ρ), and a scene without
+/// surface is dark and done.
+#[test]
+fn pictures_by_the_octree_show_all_the_light() {
+    let world = Arc::new(world_of(samples::furnace(0.6, 0.5).unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(48, 48).unwrap();
+    let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
+    let picture = |world: &Arc<World>, view| {
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        while rendering.passes() < 8 {
+            rendering.step(&AtomicBool::new(false));
+        }
+        assert!(rendering.knows_its_light());
+        rendering.picture().radiance()
+    };
+    let radiance = picture(&world, view);
+    let mean = radiance.iter().map(|rgb| rgb.mean()).sum::<f32>() / radiance.len() as f32;
+    // 600,000 photons in maps and 18,432 samples: a few tenths of a percent.
+    assert!((mean / 1.25 - 1.0).abs() < 0.01, "{mean}");
+    let empty = Arc::new(world_of(Scene::default()));
+    let dark = picture(&empty, empty.scene().default_view());
+    assert!(dark.iter().all(|rgb| rgb.is_black()));
+}
+
+/// Direct light by sampling and the rest by records add up to what the furnace holds; with bounds on scatterings to the first
+/// terms of its series.
+#[test]
+fn pictures_by_irradiance_records_show_all_the_light() {
+    let world = Arc::new(world_of(samples::furnace(0.6, 0.5).unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(32, 32).unwrap();
+    let series = |bounces: i32| 0.5 * (1.0 - 0.6f32.powi(bounces + 1)) / (1.0 - 0.6);
+    for (bounces_max, expected) in
+        [(None, 1.25), (Some(1), series(1)), (Some(2), series(2)), (Some(3), series(3))]
+    {
+        let settings =
+            RenderSettings { indirect: Indirect::Irradiance, bounces_max, ..RenderSettings::default() };
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        while rendering.passes() < 8 {
+            rendering.step(&AtomicBool::new(false));
+        }
+        assert!(rendering.knows_its_light());
+        assert_eq!(rendering.records().count > 0, bounces_max != Some(1));
+        let radiance = rendering.picture().radiance();
+        let mean = radiance.iter().map(|rgb| rgb.mean()).sum::<f32>() / radiance.len() as f32;
+        assert!((mean / expected - 1.0).abs() < 0.01, "{bounces_max:?}: {mean} for {expected}");
+    }
+}
+
+/// The same bytes by records, whatever the number of threads.
+#[test]
+fn records_do_not_depend_on_threads() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(24, 24).unwrap();
+    let settings =
+        RenderSettings { indirect: Indirect::Irradiance, bounces_max: Some(2), ..RenderSettings::default() };
+    let picture = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut rendering = Rendering::new(world.clone(), view, size, settings);
+            while rendering.passes() < 2 {
+                rendering.step(&AtomicBool::new(false));
+            }
+            rendering.film().radiance()
+        })
+    };
+    assert_eq!(picture(1), picture(2));
+}
+
+/// An edit that moves render space's origin leaves nothing of what was known around the old one.
+#[test]
+fn a_new_origin_makes_old_light_unknown() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let mut illumination = Illumination::new(settings(3_000, 4));
+    let never = AtomicBool::new(false);
+    while illumination.stage() != Stage::Complete {
+        illumination.step(&world, &never);
+    }
+    let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+    let far = DAffine3::from_translation(DVec3::new(5e4, 0.0, 0.0));
+    builder.set_transform("tall block", far).unwrap();
+    let (scene, change) = builder.finish();
+    let after = world.update(Arc::new(scene), &change);
+    assert_ne!(world.accel().origin_in_world(), after.accel().origin_in_world());
+    let generation = illumination.generation();
+    illumination.apply(&Edit { before: &world, after: &after, change: &change });
+    assert!(illumination.known().is_none() && illumination.generation() > generation);
+}
+
+/// The whole chain shows all the light, says how far it is from it, path tracing takes part once the rest is as good as it
+/// gets, and nothing of it depends on the number of threads.
+#[test]
+fn the_best_there_is_shows_all_the_light_and_measures_itself() {
+    let world = Arc::new(world_of(samples::boxes().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(24, 24).unwrap();
+    let never = AtomicBool::new(false);
+    let draw = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let learning = Learning::InStep;
+        let settings = RenderSettings {
+            indirect: Indirect::Auto,
+            bounces_max: Some(3),
+            learning,
+            seed: 3,
+            ..RenderSettings::default()
+        };
+        pool.install(|| {
+            let mut rendering = Rendering::new(world.clone(), view, size, settings);
+            let mut techniques = Vec::new();
+            while !rendering.knows_its_light() || rendering.picture().traced_share() < 0.05 {
+                rendering.step(&never);
+                assert!(rendering.passes() < 20_000);
+                if rendering.is_whole() && rendering.passes() > 0 {
+                    techniques.push(rendering.technique_name(&rendering.picture()));
+                }
+            }
+            techniques.dedup();
+            (rendering.picture().radiance(), rendering.measured_error().unwrap(), techniques)
+        })
+    };
+    let (radiance, error, techniques) = draw(1);
+    assert_eq!(techniques[0], "octree");
+    assert!(techniques.contains(&"irradiance") && techniques.last() == Some(&"irradiance+path"));
+    let settings = RenderSettings { bounces_max: Some(3), seed: 4, ..RenderSettings::default() };
+    let mut reference = Rendering::new(world.clone(), view, size, settings);
+    while reference.passes() < 2048 {
+        reference.step(&never);
+    }
+    let truth = compare(&radiance, &reference.picture().radiance()).unwrap();
+    let noise = reference.measured_error().unwrap().rel_mse;
+    let true_error = (truth.rel_mse - noise).max(0.0);
+    // One picture, stopped at a moment that was not chosen blindly: how often intervals hold the truth has a test of its own.
+    let [low, high] = error.interval_95;
+    let is_near = low / 2.0 < truth.rel_mse && 2.0 * high > true_error;
+    assert!(truth.bias.abs() < 0.02 && is_near && high.sqrt() < 0.1, "{error:?} {truth:?}");
+    assert_eq!(draw(2), (radiance, error, techniques));
+}
+
+/// Where only doubt is left of whether a picture has the error asked for, measuring takes as much work as drawing, so it ends
+/// sooner, and the same whatever the number of threads.
+#[test]
+fn doubt_of_an_error_is_settled_by_measuring() {
+    let world = Arc::new(world_of(samples::boxes().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(48, 32).unwrap();
+    const TARGET: f64 = 0.008;
+    let draw = |target: Option<f64>, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (indirect, learning) = (Indirect::Irradiance, Learning::InStep);
+        let settings = RenderSettings { indirect, learning, seed: 6, ..RenderSettings::default() };
+        pool.install(|| {
+            let mut rendering = Rendering::new(world.clone(), view, size, settings);
+            rendering.aim_at(target);
+            let is_done = |rendering: &Rendering| {
+                let measured = rendering.measured_error();
+                rendering.knows_its_light() && measured.is_some_and(|measured| measured.reaches(TARGET))
+            };
+            while rendering.passes() < 2 || !rendering.is_whole() || !is_done(&rendering) {
+                rendering.step(&AtomicBool::new(false));
+                assert!(rendering.passes() < 20_000);
+            }
+            (rendering.passes(), rendering.counts(), rendering.picture().radiance())
+        })
+    };
+    let (aimed, blind) = (draw(Some(TARGET), 1), draw(None, 1));
+    assert!(2 * aimed.0 < blind.0, "{} samples for {}", aimed.0, blind.0);
+    assert!(aimed.1.all_rays() < blind.1.all_rays());
+    assert_eq!(draw(Some(TARGET), 3), aimed);
+}
+
+/// With one bounce nothing is learnt, and the best there is is the path tracer.
+#[test]
+fn one_bounce_needs_no_chain() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(16, 16).unwrap();
+    let picture = |indirect| {
+        let settings = RenderSettings { indirect, bounces_max: Some(1), ..RenderSettings::default() };
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        (0..4).for_each(|_| {
+            rendering.step(&AtomicBool::new(false));
+        });
+        assert_eq!((rendering.technique_name(&rendering.picture()), rendering.passes()), ("path", 4));
+        rendering.picture().radiance()
+    };
+    assert_eq!(picture(Indirect::Auto), picture(Indirect::Path));
+}
+
+/// A sketch of the caustics shows in the first pass, and nothing of it is left after the next.
+#[test]
+fn a_sketch_of_caustics_is_for_the_first_pass_alone() {
+    let scene = samples::cornell_box().unwrap();
+    let view = scene.default_view();
+    let world = Arc::new(world_of(scene));
+    let plan = EffectPlan::of(world.scene());
+    let settings = RenderSettings { indirect: Indirect::Irradiance, ..RenderSettings::default() };
+    let size = PictureSize::new(256, 192).unwrap();
+    let never = AtomicBool::new(false);
+    let mut brighter = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+    let lamp = world.scene().materials().iter().find(|(_, material)| !material.emission.is_black());
+    let (id, material) = lamp.unwrap();
+    let emission = material.emission * 100.0;
+    brighter.set_material(id.clone(), Material { emission, ..Material::clone(material) }).unwrap();
+    let brighter = world_of(brighter.finish().0);
+    let pictures = [None, Some(&*world), Some(&brighter)].map(|sketched| {
+        let mut rendering = Rendering::with((world.clone(), &plan), view, size, settings, None);
+        if let Some(sketched) = sketched {
+            rendering.begin_with(Arc::new(settings.sketch(sketched, &plan).unwrap()));
+        }
+        assert!(rendering.step(&never).complete);
+        let first = rendering.film().layer(PathClass::Caustic);
+        (0..2).for_each(|_| assert!(rendering.step(&never).complete));
+        (first, rendering.film().layer(PathClass::Caustic))
+    });
+    // Cut short, it goes on with the same sketch.
+    let mut cut = Rendering::with((world.clone(), &plan), view, size, settings, None);
+    let sketch = Arc::new(settings.sketch(&world, &plan).unwrap());
+    cut.begin_with(sketch.clone());
+    assert!(!cut.step(&AtomicBool::new(true)).complete);
+    cut.begin_with(sketch);
+    assert!(cut.step(&never).complete && !cut.takes_sketch());
+    assert!(cut.film().layer(PathClass::Caustic) == pictures[1].0);
+    let mean = |layer: &[Rgb]| layer.iter().map(|value| value.luminance()).sum::<f32>() / layer.len() as f32;
+    let [photons, sketch, bright] = pictures.each_ref().map(|(first, _)| mean(first));
+    assert!((sketch / photons - 1.0).abs() < 0.15, "{sketch} sketched, {photons} by photons of its own");
+    assert!((bright / sketch / 100.0 - 1.0).abs() < 0.01, "{bright} for {sketch}");
+    assert!(pictures[1].1 == pictures[2].1);
+    assert!((mean(&pictures[1].1) / mean(&pictures[0].1) - 1.0).abs() < 0.1);
+}
+
+/// Where everything is path-traced until something is known, no sketch is followed or shown.
+#[test]
+fn chains_take_no_sketch_before_anything_is_known() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let plan = EffectPlan::of(world.scene());
+    let takes = |indirect| {
+        let settings = RenderSettings { indirect, ..RenderSettings::default() };
+        let size = PictureSize::new(8, 8).unwrap();
+        Rendering::with((world.clone(), &plan), world.scene().default_view(), size, settings, None)
+            .takes_sketch()
+    };
+    assert!(takes(Indirect::Irradiance) && takes(Indirect::Octree));
+    assert!(!takes(Indirect::Auto) && !takes(Indirect::Path) && !takes(Indirect::None));
+}
+
+/// What is known of the light of a scene before an edit shows no caustics in one that has nothing to focus light any more.
+#[test]
+fn known_light_brings_no_caustics_where_nothing_focuses() {
+    let glassy = samples::cornell_box().unwrap();
+    let view = glassy.default_view();
+    let mut matt = SceneBuilder::from_scene(&glassy, SceneLimits::default());
+    for (id, material) in glassy.materials() {
+        let lambert = Material {
+            metallic: 0.0,
+            roughness: 1.0,
+            specular: 0.0,
+            transmission: 0.0,
+            ..Material::clone(material)
+        };
+        matt.set_material(id.clone(), lambert).unwrap();
+    }
+    let matt = Arc::new(world_of(matt.finish().0));
+    let plan = EffectPlan::of(matt.scene());
+    let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
+    let size = PictureSize::new(48, 32).unwrap();
+    let never = AtomicBool::new(false);
+    let before = Caches::complete(self::settings(30_000, 5), &world_of(glassy));
+    let known = before.products.secondary.clone().unwrap();
+    let mut rendering = Rendering::with((matt, &plan), view, size, settings, Some(known));
+    rendering.step(&never);
+    assert!(rendering.film().layer(PathClass::Indirect).iter().any(|value| value.g > 0.0));
+    assert!(rendering.film().layer(PathClass::Caustic).iter().all(|value| value.is_black()));
+}
