@@ -140,6 +140,7 @@ impl Estimate for Product {
             count_min: NEIGHBOUR_COUNT,
             count_max: NEIGHBOUR_COUNT,
             radius_max_m: self.radius_max_m,
+            count_narrow: NEIGHBOUR_COUNT,
         };
         let mut gather = Gather::default();
         MAPPED.map(|class| {

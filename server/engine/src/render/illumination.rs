@@ -34,6 +34,13 @@ const KEPT_SHARE_MAX: f64 = 8.0;
 /// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
 const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
 
+/// How octrees' cost grows with photons, as powers, after the first round and after others: cutting up the geometry, which is most of
+/// the first, costs about the same whatever their number.
+const OCTREE_GROWTHS: [f64; 2] = [0.35, 0.85];
+
+/// Share of a round's photons after which they say how long the rest will take.
+const TELLING_SHARE: f64 = 0.2;
+
 /// One round.
 #[derive(Clone, Copy, Debug)]
 struct Round {
@@ -42,6 +49,13 @@ struct Round {
     /// First and last depth of its octrees, as far as the settings go.
     depth_first: u32,
     depth: u32,
+}
+
+/// What a round took: seconds of tracing photons and of making octrees.
+#[derive(Clone, Copy, Debug, Default)]
+struct RoundSeconds {
+    photons: f64,
+    octrees: f64,
 }
 
 /// Parameters of photons and octree, and of records gathered from them.
@@ -112,6 +126,18 @@ pub struct Illumination {
     octree: OctreeBuilding,
     /// The round, by its place in [`ROUNDS`].
     round: usize,
+    /// All photons over those of this round: it may be smaller than [`ROUNDS`] has it, to end in time.
+    photon_divisor: u32,
+    /// What this round is expected to take, by what the one before took; `None` for the first.
+    expected: Option<RoundSeconds>,
+    /// What all before it took.
+    begun: RoundSeconds,
+    /// Seconds that it may still take.
+    allowed_seconds: Option<f64>,
+    /// A round is over and the next not begun: what is drawn in between takes of the time there is.
+    is_between: bool,
+    /// No further round would end in time.
+    is_cut: bool,
     /// See [`Illumination::emission_exponent`].
     exponent: i32,
     products: Products,
@@ -124,12 +150,18 @@ pub struct Illumination {
 impl Illumination {
     /// Nothing known yet.
     pub fn new(settings: IlluminationSettings) -> Illumination {
-        let (photons, octree) = techniques(&settings, 0, 0);
+        let (photons, octree) = techniques(&settings, ROUNDS[0], 0);
         Illumination {
             settings,
             photons,
             octree,
             round: 0,
+            photon_divisor: ROUNDS[0].photon_divisor,
+            expected: None,
+            begun: RoundSeconds::default(),
+            allowed_seconds: None,
+            is_between: false,
+            is_cut: false,
             exponent: 0,
             products: Products::default(),
             report: IlluminationReport::default(),
@@ -142,6 +174,15 @@ impl Illumination {
     pub fn step(&mut self, world: &World, cancel: &AtomicBool) -> bool {
         if self.stage() == Stage::Complete {
             return false;
+        }
+        if std::mem::take(&mut self.is_between) {
+            match self.divisor_of_next() {
+                Some(divisor) => self.begin_round(self.round + 1, divisor),
+                None => {
+                    self.is_cut = true;
+                    return false;
+                }
+            }
         }
         let start = Instant::now();
         let before = self.products.secondary.clone();
@@ -164,10 +205,67 @@ impl Illumination {
             self.report.octree_bytes = octree.bytes();
         }
         self.generation += u64::from(is_new);
-        if progress.complete && self.round + 1 < ROUNDS.len() {
-            self.begin_round(self.round + 1);
-        }
+        self.is_between = progress.complete && self.is_before_last_round();
         is_new
+    }
+
+    /// It may take so many seconds from now on: rounds that would not end by then are not begun, or are smaller.
+    pub(super) fn allow(&mut self, seconds: f64) {
+        self.allowed_seconds = Some(seconds);
+    }
+
+    /// What is under way are rounds, and this is not the last.
+    pub(super) fn is_before_last_round(&self) -> bool {
+        !self.is_cut && self.round + 1 < ROUNDS.len()
+    }
+
+    /// Seconds that the round will still take, by what the one before took; `None` in the first, and where none is under way.
+    pub(super) fn seconds_left_of_round(&self) -> Option<f64> {
+        let is_under_way = !self.is_between && self.stage() != Stage::Complete;
+        let expected = self.expected.filter(|_| is_under_way)?;
+        let spent = self.spent();
+        let photons = if self.photons.is_complete() {
+            0.0
+        } else {
+            let paths = self.photons.paths().path_count() as f64;
+            let traced =
+                if self.photons.is_begun() { paths - self.photons.pending_count() as f64 } else { 0.0 };
+            let at_this_pace =
+                if traced > TELLING_SHARE * paths { spent.photons * (paths - traced) / traced } else { 0.0 };
+            // Paths are put into maps after the last is traced.
+            at_this_pace.max(expected.photons - spent.photons)
+        };
+        Some(photons + (expected.octrees - spent.octrees).max(0.0))
+    }
+
+    /// What this round took so far.
+    fn spent(&self) -> RoundSeconds {
+        RoundSeconds {
+            photons: self.report.photon_seconds - self.begun.photons,
+            octrees: self.report.octree_seconds - self.begun.octrees,
+        }
+    }
+
+    /// What the next round would take: each as many times as much as it has photons.
+    fn expected_of_next(&self, divisor: u32) -> RoundSeconds {
+        let spent = self.spent();
+        let growth = f64::from(self.photon_divisor) / f64::from(divisor);
+        // The first round does not know yet how many must be sent out for as many to be kept.
+        let sent = if self.round == 0 { f64::from(self.emission_exponent()).exp2() } else { 1.0 };
+        let octree_growth = growth.powf(OCTREE_GROWTHS[self.round.min(1)]);
+        RoundSeconds { photons: spent.photons * growth * sent, octrees: spent.octrees * octree_growth }
+    }
+
+    /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no
+    /// more photons than this one.
+    fn divisor_of_next(&self) -> Option<u32> {
+        let wanted = ROUNDS[self.round + 1].photon_divisor;
+        let fits = |divisor: &u32| {
+            let RoundSeconds { photons, octrees } = self.expected_of_next(*divisor);
+            self.allowed_seconds.is_none_or(|allowed| photons + octrees <= allowed)
+        };
+        let divisors = std::iter::successors(Some(wanted), |divisor| divisor.checked_mul(2));
+        divisors.take_while(|divisor| *divisor < self.photon_divisor).find(fits)
     }
 
     /// How many photons more or less than asked for must be sent out for about as many to end up in maps: more where most leave
@@ -185,20 +283,27 @@ impl Illumination {
     }
 
     /// Begins a round; what is known stays known until it knows better.
-    fn begin_round(&mut self, round: usize) {
-        self.round = round;
+    fn begin_round(&mut self, round: usize, photon_divisor: u32) {
+        self.expected = (round > 0).then(|| self.expected_of_next(photon_divisor));
+        self.begun =
+            RoundSeconds { photons: self.report.photon_seconds, octrees: self.report.octree_seconds };
+        (self.round, self.photon_divisor) = (round, photon_divisor);
+        (self.is_between, self.is_cut) = (false, false);
         if round == 1 {
             self.exponent = self.emission_exponent();
         }
         let exponent = if round == 0 { 0 } else { self.exponent };
+        let round = Round { photon_divisor, ..ROUNDS[round] };
         (self.photons, self.octree) = techniques(&self.settings, round, exponent);
         self.products.photons = None;
     }
 
     /// How far it has got.
     pub fn stage(&self) -> Stage {
-        let is_last = self.round + 1 == ROUNDS.len();
-        if is_last && self.photons.is_complete() && self.octree.is_complete(self.photons.product()) {
+        if !self.is_before_last_round()
+            && self.photons.is_complete()
+            && self.octree.is_complete(self.photons.product())
+        {
             Stage::Complete
         } else if self.products.secondary.is_some() {
             Stage::Rough
@@ -216,13 +321,13 @@ impl Illumination {
             // What is known lies around another origin.
             self.products.secondary = None;
             self.generation += 1;
-            self.begin_round(0);
+            self.begin_round(0, ROUNDS[0].photon_divisor);
             return;
         }
         let paths = self.photons.paths().path_count();
         if self.round > 0 && self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64 {
             self.edit_counts = self.photons.edit_counts();
-            self.begin_round(0);
+            self.begin_round(0, ROUNDS[0].photon_divisor);
         }
     }
 
@@ -276,10 +381,9 @@ impl Illumination {
 /// The techniques of a round.
 fn techniques(
     settings: &IlluminationSettings,
-    round: usize,
+    round: Round,
     exponent: i32,
 ) -> (PhotonTracing, OctreeBuilding) {
-    let round = ROUNDS[round];
     let asked_for = (settings.photons.emitted_count / round.photon_divisor).max(1);
     let times = 1 << exponent.unsigned_abs();
     let emitted_count =

@@ -2,6 +2,7 @@
 
 use std::{
     collections::HashMap,
+    num::NonZeroUsize,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -72,6 +73,8 @@ impl Learner {
                 let mut of = of;
                 of.photons.emitted_count = (of.photons.emitted_count / PHOTON_DIVISOR).max(1);
                 of.octree.photon_count = (of.octree.photon_count / PHOTON_DIVISOR).max(1);
+                // Blur that one place shows does not show in the mean over many.
+                of.octree.neighbours_narrow = NonZeroUsize::MAX;
                 Some(of)
             }
         };
@@ -93,6 +96,21 @@ impl Learner {
             record_seconds: 0.0,
             record_counts: Counts::default(),
         }
+    }
+
+    /// It may take so many seconds from now on: what the octree would not show by then is not begun. What records are gathered from
+    /// is little, and all of it worth having.
+    pub(super) fn allow(&mut self, seconds: f64) {
+        if let Some(illumination) = self.illumination.as_mut().filter(|_| self.learnt == Learnt::Octree) {
+            illumination.allow(seconds);
+        }
+    }
+
+    /// Seconds until the round of photons that is under way makes a better octree, if that is to be foreseen, and whether another
+    /// follows.
+    pub(super) fn seconds_left_of_round(&self) -> Option<(f64, bool)> {
+        let illumination = self.illumination.as_ref().filter(|_| self.learnt == Learnt::Octree)?;
+        Some((illumination.seconds_left_of_round()?, illumination.is_before_last_round()))
     }
 
     /// Somebody looks at something, in place of what was looked at by this name before.

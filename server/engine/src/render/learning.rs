@@ -17,16 +17,36 @@ use crate::{
 const LEARNING_SHARE: f64 = 1.0;
 const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
 
+/// Share of the time there is for learning within which a round comes soon: the sooner it ends, the larger the next may be.
+const SOON_SHARE: f64 = 1.0 / 3.0;
+
+/// How learning goes on beside drawing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pace {
+    /// By what the picture is short of.
+    Shared,
+    /// Before anything more is drawn: it, or what follows, would not end in time otherwise.
+    Now,
+    /// Not at all: it would not end in time.
+    Never,
+}
+
 impl Rendering {
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
         let (is_late, spent_before) = (self.is_late(), self.spent_rays());
+        let (until, pace) = (self.learns_until(), self.pace());
         let learner = self.learner.as_mut()?;
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough => self.film.passes_min() == 0 || is_late || self.lead > 0.0,
+            Stage::Rough if self.film.passes_min() == 0 || is_late => true,
+            Stage::Rough => match pace {
+                Pace::Shared => self.lead > 0.0,
+                Pace::Now => false,
+                Pace::Never => true,
+            },
             Stage::Complete => true,
         };
         if is_pass_due {
@@ -37,6 +57,9 @@ impl Rendering {
             return None;
         }
         let start = Instant::now();
+        if let Some(moment) = until {
+            learner.allow(moment.saturating_duration_since(start).as_secs_f64());
+        }
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
         let is_better = learner.step(&self.world, cancel);
@@ -52,6 +75,30 @@ impl Rendering {
             self.lead += self.work(start, spent_before);
         }
         Some(Progress { counts, complete: false })
+    }
+
+    /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing.
+    fn pace(&self) -> Pace {
+        let (Some(moment), Some(learner)) = (self.learns_until(), &self.learner) else { return Pace::Shared };
+        let Some((left, is_followed)) = learner.seconds_left_of_round() else { return Pace::Shared };
+        let time = moment.saturating_duration_since(Instant::now()).as_secs_f64();
+        if left > time {
+            Pace::Never
+        } else if left * (1.0 + 1.0 / self.learning_share()) > time
+            || is_followed && left <= SOON_SHARE * time
+        {
+            Pace::Now
+        } else {
+            Pace::Shared
+        }
+    }
+
+    /// From when on nothing more is learnt.
+    fn learns_until(&self) -> Option<Instant> {
+        match self.settings.learning {
+            Learning::Alongside { until } => until,
+            Learning::First | Learning::InStep => None,
+        }
     }
 
     /// Work on learning for each on drawing, by what the picture is short of.
@@ -71,7 +118,7 @@ impl Rendering {
     }
 
     pub(super) fn is_late(&self) -> bool {
-        matches!(self.settings.learning, Learning::Alongside { until: Some(moment) } if Instant::now() >= moment)
+        self.learns_until().is_some_and(|moment| Instant::now() >= moment)
     }
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.

@@ -448,3 +448,28 @@ fn rounds_end_in_the_same_light() {
         assert!(same, "after a {name} edit");
     }
 }
+
+/// Without time for more than a first answer that is all there is, and with it the rounds are those without a bound.
+#[test]
+fn rounds_keep_to_the_time_there_is() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let never = AtomicBool::new(false);
+    let emitted_in = |seconds: Option<f64>| {
+        let mut illumination = Illumination::new(settings(30_000, 5));
+        let mut foreseen = 0;
+        while illumination.stage() != Stage::Complete {
+            seconds.into_iter().for_each(|seconds| illumination.allow(seconds));
+            illumination.step(&world, &never);
+            let left = illumination.seconds_left_of_round();
+            assert!(left.is_none_or(|left| left.is_finite() && left >= 0.0), "{left:?}");
+            foreseen += u32::from(left.is_some());
+        }
+        assert!(illumination.known().is_some());
+        (illumination.report().photons_emitted, foreseen > 0)
+    };
+    let (all, is_foreseen) = emitted_in(None);
+    assert!(is_foreseen);
+    assert_eq!(emitted_in(Some(1e6)).0, all);
+    let (few, is_foreseen) = emitted_in(Some(0.0));
+    assert!(!is_foreseen && few * 8 < all, "{few} of {all}");
+}

@@ -10,13 +10,12 @@ use rayon::prelude::*;
 
 use super::{
     Sheet,
-    map::{CausticPhoton, FLATNESS},
+    map::{CausticPhoton, FACING_COS, FLATNESS},
     photons,
 };
 use crate::{
     accel::{Hit, Ray},
     math::{Frame, sobol},
-    technique::FACING_COS,
     transport::World,
 };
 

@@ -12,12 +12,14 @@ use rayon::prelude::*;
 use super::Sheet;
 use crate::{
     math::Rgb,
-    technique::{FACING_COS, FocusedLight, FocusedScatter},
+    technique::{FocusedLight, FocusedScatter},
     transport::{Bsdf, Surface},
 };
 
 /// How many times distances along the normal count: what lies above or below is another sheet.
 pub(super) const FLATNESS: f32 = 2.5;
+/// Cosine of the angle within which what a photon fell on and what is shown face one way: what faces another way gets other light.
+pub(super) const FACING_COS: f32 = 0.5;
 /// Least cosine of the true normal over that of the shading normal: below, the few photons that still arrive would outshine
 /// everything.
 const COS_RATIO_MIN: f32 = 0.02;

@@ -29,8 +29,10 @@ struct SetLight {
     vdls: [Vec<Vdl>; 2],
     /// By class, where that is what is kept.
     harmonics: Option<[Harmonics; 2]>,
-    /// By class: nothing farther than this from the group's middle had any influence, m.
+    /// By class: how far from the group's middle its photons lie, m.
     radius_m: [f32; 2],
+    /// By class: nothing farther than this from the group's middle had any influence, m.
+    reach_m: [f32; 2],
     /// By class.
     spread: [Spread; 2],
 }
@@ -225,7 +227,7 @@ impl Building {
                 && same_sides(old, new)
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
-                    reused.changed.is_within(class, sides, light.radius_m[class], new.centre)
+                    reused.changed.is_within(class, sides, light.reach_m[class], new.centre)
                 })
         };
         old_sets
@@ -250,6 +252,7 @@ impl Building {
             count_min: self.settings.neighbours_min,
             count_max: self.settings.neighbours_max,
             radius_max_m: self.radius_max_m,
+            count_narrow: self.settings.neighbours_narrow,
         };
         let sides = self.voxels.sides_of(set);
         let mut light = SetLight::default();
@@ -258,6 +261,7 @@ impl Building {
             self.photons.maps.gather(class, sides, &bounds, &mut bench.gather);
             let gathered = Instant::now();
             light.radius_m[index] = bench.gather.radius_m;
+            light.reach_m[index] = bench.gather.reach_m;
             counts.photons += bench.gather.photons.len() as u64;
             counts.gather_seconds += (gathered - start).as_secs_f64();
             if bench.gather.photons.is_empty() {
@@ -310,7 +314,7 @@ impl Building {
                 end_vdl: vdls.len() as u32,
                 softness,
             });
-            gathers.push(LeafGather { radius_m: light.radius_m, chord_rms });
+            gathers.push(LeafGather { radius_m: light.radius_m, reach_m: light.reach_m, chord_rms });
         }
         // Harmonics do not say of which class they are empty.
         let has_caustics =
@@ -342,6 +346,7 @@ impl LightOctree {
             vdls: [0, 1].map(|class| self.vdls_of(leaf, class).to_vec()),
             harmonics: self.harmonics.get(set).copied(),
             radius_m: gather.radius_m,
+            reach_m: gather.reach_m,
             spread: gather.chord_rms.map(|chord_rms| Spread { chord_rms, ..Spread::default() }),
         }
     }

@@ -63,6 +63,8 @@ pub struct OctreeSettings {
     pub neighbours_min: NonZeroUsize,
     /// Photons of a gather at most: the radius shrinks to the nearest of them.
     pub neighbours_max: NonZeroUsize,
+    /// Photons of a gather at least where light changes within its radius, which shrinks then.
+    pub neighbours_narrow: NonZeroUsize,
     /// What is kept of them.
     pub leaf: LeafKind,
     /// Lights kept of them, at most [`OctreeSettings::VDLS_MAX`].
@@ -84,6 +86,7 @@ impl OctreeSettings {
 const RADIUS_MAX_EVEN: f32 = 3.0;
 const NEIGHBOURS_MIN: NonZeroUsize = NonZeroUsize::new(96).unwrap();
 const NEIGHBOURS_MAX: NonZeroUsize = NonZeroUsize::new(400).unwrap();
+const NEIGHBOURS_NARROW: NonZeroUsize = NonZeroUsize::new(16).unwrap();
 const VDL_COUNT: NonZeroUsize = NonZeroUsize::new(4).unwrap();
 
 impl OctreeSettings {
@@ -95,7 +98,13 @@ impl OctreeSettings {
 
     /// Always the nearest `count` photons, however far, as the paper gathers [Vivanloc2007, 3.1.1].
     pub fn gathering(self, count: NonZeroUsize) -> OctreeSettings {
-        OctreeSettings { radius_cells: f32::INFINITY, neighbours_min: count, neighbours_max: count, ..self }
+        OctreeSettings {
+            radius_cells: f32::INFINITY,
+            neighbours_min: count,
+            neighbours_max: count,
+            neighbours_narrow: count,
+            ..self
+        }
     }
 }
 
@@ -107,6 +116,7 @@ impl Default for OctreeSettings {
             radius_cells: 1.25,
             neighbours_min: NEIGHBOURS_MIN,
             neighbours_max: NEIGHBOURS_MAX,
+            neighbours_narrow: NEIGHBOURS_NARROW,
             leaf: LeafKind::Vdls,
             vdl_count: VDL_COUNT,
             photon_count: 1_000_000,
@@ -191,8 +201,10 @@ struct LeafSet {
 /// How the light of a group came to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafGather {
-    /// By class: nothing farther away had any influence, m.
+    /// By class: how far away its photons lie, m.
     radius_m: [f32; 2],
+    /// By class: nothing farther away had any influence, m.
+    reach_m: [f32; 2],
     /// By class.
     chord_rms: [f32; 2],
 }

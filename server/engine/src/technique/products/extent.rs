@@ -6,7 +6,7 @@
 use glam::Vec3;
 
 use super::{
-    map::{FLATNESS, GatherBounds, Reach},
+    gather::{FLATNESS, GatherBounds, Reach},
     patch,
 };
 
@@ -265,7 +265,15 @@ mod tests {
 
     fn bounds(centre: Vec3, normal: Vec3) -> GatherBounds {
         let count = NonZeroUsize::MIN;
-        GatherBounds { centre, normal, radius_m: 1.0, count_min: count, count_max: count, radius_max_m: 1.0 }
+        GatherBounds {
+            centre,
+            normal,
+            radius_m: 1.0,
+            count_min: count,
+            count_max: count,
+            radius_max_m: 1.0,
+            count_narrow: count,
+        }
     }
 
     /// The tree says what going through the triangles one by one says, and that is the share of points that lie within.

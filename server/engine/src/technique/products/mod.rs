@@ -2,6 +2,7 @@
 
 mod crease;
 mod extent;
+mod gather;
 mod map;
 mod packed;
 mod patch;
@@ -13,10 +14,8 @@ use glam::Vec3;
 
 pub use self::{
     crease::CREASE_ANGLE_RAD,
-    map::{
-        FACING_COS, FallenPhoton, Gather, GatherBounds, GatheredPhoton, MAPPED, MapPhoton, PhotonMaps,
-        SideMap,
-    },
+    gather::{Gather, GatherBounds, GatheredPhoton},
+    map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
     packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::{
     crease::CreaseSurfaces,
     extent::Extent,
-    map::{GatherBounds, Reach},
+    gather::{GatherBounds, Reach},
 };
 use crate::{
     accel::{Accel, Instance},

@@ -1,0 +1,425 @@
+//! What is read from photon maps: the photons around a point, with their shares of the irradiance there.
+//!
+//! Density estimate E = Σ Φⱼ / A over the photons within the distance r of the k-th nearest, where A is the area of their
+//! own surfaces within that distance [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
+//! hang off the surface. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon
+//! defines r and does not count itself, which makes the estimate unbiased for even light. **Biased**: blurs over r.
+//! Consistent as photons grow and r shrinks.
+//!
+//! Where light changes within r, r is narrowed [Lepski1991]: estimates over a third of the photons, a ninth and so on blur
+//! less and are noisier by a known amount, and the widest counts that agrees with all narrower ones within their noise. That
+//! keeps the spot of light beside a dark wall off the wall, where few photons would draw the radius into the spot.
+
+use std::{cmp::Ordering, num::NonZeroUsize, sync::Arc};
+
+use glam::Vec3;
+use kiddo::SquaredEuclidean;
+
+use super::{
+    map::{MAPPED, MapPhoton, PhotonMaps, SideMap},
+    surfaces::SideId,
+};
+use crate::{
+    math::{Rgb, octahedral},
+    transport::PathClass,
+};
+
+/// A photon as a gather sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatheredPhoton {
+    /// Unit direction to where it came from.
+    pub direction: Vec3,
+    /// Its share of the irradiance, W/m².
+    pub irradiance: Rgb,
+}
+
+/// How far from 1 the length of a direction may be. Rotations and packing leave 10⁻⁶; and it must be well below
+/// [`CHORD_NEGLIGIBLE`], so that a photon which is alone in its cluster is not taken for one off its centre.
+const UNIT_TOLERANCE: f32 = 1e-4;
+
+impl GatheredPhoton {
+    /// True for a unit direction and an irradiance that is finite and nowhere negative.
+    pub fn is_sound(&self) -> bool {
+        // Comparisons with NaN are false. All are made, since one branch on their product is cheaper than many.
+        let is_unit = (self.direction.length_squared() - 1.0).abs() < 2.0 * UNIT_TOLERANCE;
+        let [r, g, b] = self.irradiance.to_array().map(|channel| (0.0..=f32::MAX).contains(&channel));
+        is_unit & r & g & b
+    }
+}
+
+/// How far surfaces count around the middle of a gather.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reach {
+    pub(super) radius_m: f32,
+    /// Least cosine of their normals with the gather's.
+    pub(super) facing_cos: f32,
+}
+
+/// What a gather found; kept by the caller so that its memory is used again.
+#[derive(Clone, Debug, Default)]
+pub struct Gather {
+    /// The photons.
+    pub photons: Vec<GatheredPhoton>,
+    /// Radius they lie within, m.
+    pub radius_m: f32,
+    /// Nothing further out than this had any influence, m.
+    pub reach_m: f32,
+    /// Area of the surfaces within that radius, m².
+    pub area_m2: f32,
+    near: Vec<Near>,
+    /// Photons on what faces further away from the gather's normal were left out, and so is its area.
+    facing_cos: f32,
+    /// Within reach, by place in the list of sides.
+    areas: Vec<f32>,
+    /// Sides that do not count, ascending.
+    dark: Vec<u32>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    distance2: f32,
+    side: u32,
+    item: u32,
+    /// Cosine of its surface's normal with the gather's.
+    facing_cos: f32,
+}
+
+/// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
+const FACING_COS: f32 = 0.5;
+/// The same where enough photons lie on such surfaces: the sides of eight-sided columns are 45° apart.
+const ALIKE_COS: f32 = 0.8;
+/// Cosine that all have.
+const ANY_COS: f32 = -2.0;
+/// Photons of a gather that must face its normal; with fewer all count.
+const FACING_MIN: usize = 8;
+
+/// How many times as many photons count in each wider estimate when a gather is narrowed.
+const WIDER: usize = 3;
+/// Two estimates agree where they are no further apart than so many standard deviations of both: more keep blur, fewer take noise
+/// for change.
+const AGREES_SIGMA: f64 = 2.0;
+
+/// A side counts as dark if it has at most this share of the photons that it would have if all sides were lit alike …
+const DARK_SHARE: f32 = 1.0 / 16.0;
+/// … and would have at least these.
+const DARK_EXPECTED_MIN: f32 = 8.0;
+
+/// How many times distances along the gather's normal count: photons lie within an ellipsoid as flat as that.
+pub(super) const FLATNESS: f32 = 2.5;
+/// A search that found too few looks as far next as should find so many times what is asked for …
+const AMPLE: f32 = 1.25;
+/// … within these multiples of its radius, the last while fewer than [`TELLING`] photons say how they lie.
+const GROWTH_MIN: f32 = 1.1;
+const GROWTH_MAX: f32 = 4.0;
+const GROWTH_BLIND: f32 = 2.0;
+const TELLING: usize = 8;
+/// Share of the farthest radius at which a search for some number begins: where photons lie a hundred times as close as
+/// on average it finds no more than that.
+const FIRST_GUESS: f32 = 0.05;
+
+/// Where and how far to gather.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GatherBounds {
+    /// Middle, render space.
+    pub centre: Vec3,
+    /// Where the surfaces face, unit. Distances along it count more: what lies above or below is another
+    /// sheet.
+    pub normal: Vec3,
+    /// Radius to be content with, m, if that many photons lie within it; one that is not less than `radius_max_m` says that
+    /// just the nearest `count_min` are asked for …
+    pub radius_m: f32,
+    /// … as these.
+    pub count_min: NonZeroUsize,
+    /// Of more photons than these only the nearest count.
+    pub count_max: NonZeroUsize,
+    /// Where fewer than `count_min` lie within `radius_m`, the nearest of them count that lie within this radius, m.
+    pub radius_max_m: f32,
+    /// Where light changes within the radius fewer photons count, but not fewer than these.
+    pub count_narrow: NonZeroUsize,
+}
+
+impl GatherBounds {
+    /// From the middle to a point in the space in which the ellipsoid of the gather is a sphere, m.
+    pub(super) fn flattened_from(&self, p: Vec3) -> Vec3 {
+        let from = p - self.centre;
+        from + self.normal * ((FLATNESS - 1.0) * self.normal.dot(from))
+    }
+}
+
+impl PhotonMaps {
+    /// The photons of a class around a point on some sides of surfaces, as far as those face its normal, with their shares
+    /// of the irradiance there. Sides that a gather of indirect light found dark stay dark for what follows with the same
+    /// `gather`: that no caustic falls on a side does not make it an inside.
+    ///
+    /// - `sides`: `[n]`, each once, ascending
+    pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
+        gather.photons.clear();
+        gather.near.clear();
+        gather.area_m2 = 0.0;
+        gather.radius_m = 0.0;
+        gather.reach_m = 0.0;
+        let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
+        if class == 0 {
+            gather.dark.clear();
+        }
+        if !(bounds.radius_max_m > 0.0) {
+            return;
+        }
+        let maps = &self.sides[class];
+        self.search(class, sides, bounds, gather);
+        if gather.near.is_empty() {
+            return;
+        }
+        // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
+        // far away.
+        gather.near.sort_unstable_by_key(Near::name);
+        let facing_cos = gather.facing_cos;
+        self.measure_sides(class, sides, bounds, Reach { radius_m: gather.radius_m, facing_cos }, gather);
+        if !(gather.area_m2 > 0.0) {
+            return;
+        }
+        let Gather { near, dark, .. } = gather;
+        near.retain(|near| dark.binary_search(&near.side).is_err());
+        self.narrow(class, sides, bounds, facing_cos, gather);
+        let per_area = 1.0 / gather.area_m2;
+        let photons = gather.near.iter().filter_map(|near| near.of(maps));
+        gather.photons.extend(photons.map(|photon| GatheredPhoton {
+            direction: octahedral::decode(photon.direction),
+            irradiance: photon.flux * per_area,
+        }));
+    }
+
+    /// Looks for the photons of a gather. Everything within a radius, too large by a little, is found several times faster
+    /// than the nearest of some number.
+    fn search(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
+        let maps = &self.sides[class];
+        let is_content = bounds.radius_m > 0.0 && bounds.radius_m < bounds.radius_max_m;
+        gather.radius_m = if is_content { bounds.radius_m } else { bounds.radius_max_m * FIRST_GUESS };
+        let mut count_max = if is_content { bounds.count_max } else { bounds.count_min }.get();
+        loop {
+            gather.near.clear();
+            for side in sides {
+                if let Some(map) = &maps[side.index()] {
+                    gather.add_within(*side, map, bounds);
+                }
+            }
+            gather.orient(bounds.count_min.get());
+            let found = gather.near.len();
+            if found >= bounds.count_min.get() || gather.radius_m >= bounds.radius_max_m {
+                break;
+            }
+            // Photons lie on surfaces: there are as many more as the square of the radius is larger.
+            let missing = bounds.count_min.get() as f32 / (found as f32 + 1.0);
+            let farthest = if found < TELLING { GROWTH_BLIND } else { GROWTH_MAX };
+            let growth = (AMPLE * missing).sqrt().clamp(GROWTH_MIN, farthest);
+            gather.radius_m = (gather.radius_m * growth).min(bounds.radius_max_m);
+            count_max = bounds.count_min.get();
+        }
+        gather.reach_m = gather.radius_m;
+        gather.close_in(count_max);
+    }
+
+    /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
+    /// photons of both count; but of none that next to no photon falls on where many would if all were lit alike. Such are
+    /// mostly the insides of walls, shells and vaults, which nobody sees, and which would take their share of the light.
+    /// **Bias**: a side that is seen and that dark shows the light of the others in its cell.
+    fn measure_sides(
+        &self,
+        class: usize,
+        sides: &[SideId],
+        bounds: &GatherBounds,
+        reach: Reach,
+        gather: &mut Gather,
+    ) {
+        gather.areas.clear();
+        gather.areas.extend(sides.iter().map(|side| self.surfaces.area_within(*side, bounds, reach)));
+        let per_m2 = gather.near.len() as f32 / gather.areas.iter().sum::<f32>();
+        for (place, id) in sides.iter().enumerate() {
+            let (side, area_m2) = (id.index() as u32, gather.areas[place]);
+            if class == 0 {
+                let expected = per_m2 * area_m2;
+                let first = gather.near.partition_point(|near| near.side < side);
+                let count = gather.near[first..].partition_point(|near| near.side == side);
+                if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
+                    gather.dark.push(side);
+                }
+            }
+            if !gather.is_dark(*id) {
+                gather.area_m2 += area_m2;
+            }
+        }
+    }
+
+    /// Narrows a gather to the widest estimate that agrees with all narrower ones within their noise [Lepski1991].
+    fn narrow(
+        &self,
+        class: usize,
+        sides: &[SideId],
+        bounds: &GatherBounds,
+        facing_cos: f32,
+        gather: &mut Gather,
+    ) {
+        let all = gather.near.len();
+        let mut count = bounds.count_narrow.get();
+        if count > all / 2 {
+            return;
+        }
+        gather.near.sort_unstable_by(Near::by_distance);
+        let widest = Estimate { count: all, radius_m: gather.radius_m, area_m2: gather.area_m2 };
+        let (mut sums, mut summed) = (FluxSums::default(), 0);
+        let mut agreement = Agreement::ANY;
+        let mut chosen = None;
+        while summed < all {
+            // The last is of all, and no two are of about the same photons.
+            let estimate = if count > all / 2 {
+                widest
+            } else {
+                let radius_m = gather.near[count].distance2.sqrt();
+                let reach = Reach { radius_m, facing_cos };
+                let lit = sides.iter().filter(|side| !gather.is_dark(**side));
+                let area_m2 = lit.map(|side| self.surfaces.area_within(*side, bounds, reach)).sum();
+                Estimate { count, radius_m, area_m2 }
+            };
+            let photons = gather.near[summed..estimate.count].iter();
+            photons.filter_map(|near| near.of(&self.sides[class])).for_each(|photon| sums.add(&photon));
+            summed = estimate.count;
+            // Photons at one point have no area around them.
+            if estimate.radius_m > 0.0 && estimate.area_m2 > 0.0 {
+                if !agreement.admits(&sums, estimate.area_m2) {
+                    break;
+                }
+                chosen = Some(estimate);
+            }
+            count = count.saturating_mul(WIDER);
+        }
+        let chosen = chosen.unwrap_or(widest);
+        gather.near.truncate(chosen.count);
+        gather.near.sort_unstable_by_key(Near::name);
+        (gather.radius_m, gather.area_m2) = (chosen.radius_m, chosen.area_m2);
+    }
+}
+
+/// A gather of the nearest of some photons.
+#[derive(Clone, Copy, Debug)]
+struct Estimate {
+    count: usize,
+    radius_m: f32,
+    area_m2: f32,
+}
+
+/// Luminances of some photons: their sum, W, and the sum of their squares, W².
+#[derive(Clone, Copy, Debug, Default)]
+struct FluxSums {
+    flux: f64,
+    squares: f64,
+}
+
+impl FluxSums {
+    fn add(&mut self, photon: &MapPhoton) {
+        let flux = f64::from(photon.flux.luminance());
+        self.flux += flux;
+        self.squares += flux * flux;
+    }
+}
+
+/// Irradiances that agree with all estimates so far, W/m².
+#[derive(Clone, Copy, Debug)]
+struct Agreement {
+    least: f64,
+    most: f64,
+}
+
+impl Agreement {
+    const ANY: Agreement = Agreement { least: 0.0, most: f64::INFINITY };
+
+    /// Some irradiance agrees with one more estimate as well. Photons fall by chance, each by itself, so that the variance of
+    /// their sum is about the sum of their squares.
+    fn admits(&mut self, sums: &FluxSums, area_m2: f32) -> bool {
+        let area_m2 = f64::from(area_m2);
+        let irradiance = sums.flux / area_m2;
+        let slack = AGREES_SIGMA * sums.squares.sqrt() / area_m2;
+        self.least = self.least.max(irradiance - slack);
+        self.most = self.most.min(irradiance + slack);
+        self.least <= self.most
+    }
+}
+
+impl Near {
+    /// In the order of the maps.
+    fn name(&self) -> u64 {
+        u64::from(self.side) << 32 | u64::from(self.item)
+    }
+
+    /// Those at the same distance are told apart by name, so that the answer does not depend on any order.
+    fn by_distance(&self, other: &Near) -> Ordering {
+        self.distance2.total_cmp(&other.distance2).then(self.name().cmp(&other.name()))
+    }
+
+    fn of(&self, maps: &[Option<Arc<SideMap>>]) -> Option<MapPhoton> {
+        maps[self.side as usize].as_ref().map(|map| map.photons[self.item as usize])
+    }
+}
+
+impl Gather {
+    /// Leaves out what faces another way. In a fold only a few may face the right way: one of them on a triangle the size of a
+    /// pinhead would outshine everything. Then all count, and so does all the area.
+    ///
+    /// - `enough`: photons on what faces nearly the same way that make up for the others
+    fn orient(&mut self, enough: usize) {
+        let facing = |cos: f32| self.near.iter().filter(|near| near.facing_cos >= cos).count();
+        let count = facing(FACING_COS);
+        self.facing_cos = if facing(ALIKE_COS) >= enough {
+            ALIKE_COS
+        } else if count >= FACING_MIN || count == self.near.len() {
+            FACING_COS
+        } else {
+            ANY_COS
+        };
+        self.near.retain(|near| near.facing_cos >= self.facing_cos);
+    }
+
+    fn is_dark(&self, side: SideId) -> bool {
+        self.dark.binary_search(&(side.index() as u32)).is_ok()
+    }
+
+    /// Adds what lies within `self.radius_m` on a side.
+    fn add_within(&mut self, side: SideId, map: &SideMap, bounds: &GatherBounds) {
+        let radius2 = self.radius_m * self.radius_m;
+        let centre = bounds.centre.to_array();
+        let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(radius2);
+        let side = side.index() as u32;
+        let near = within.unsorted().execute().into_iter().filter_map(|near| {
+            let photon = &map.photons[near.item as usize];
+            let distance2 = bounds.flattened_from(photon.position).length_squared();
+            (distance2 <= radius2).then(|| Near {
+                distance2,
+                side,
+                item: near.item,
+                facing_cos: octahedral::decode(photon.normal).dot(bounds.normal),
+            })
+        });
+        self.near.extend(near);
+    }
+
+    /// Keeps those nearer than the k-th and sets the radius to its distance; keeps all when there are fewer.
+    fn close_in(&mut self, count: usize) {
+        if self.near.len() < count {
+            return;
+        }
+        let last = count - 1;
+        self.near.select_nth_unstable_by(last, Near::by_distance);
+        let radius_m = self.near[last].distance2.sqrt();
+        if radius_m > 0.0 {
+            self.radius_m = radius_m;
+            self.near.truncate(last);
+        }
+    }
+
+    /// Irradiance of all photons together, W/m².
+    pub fn irradiance(&self) -> Rgb {
+        self.photons.iter().fold(Rgb::BLACK, |sum, photon| sum + photon.irradiance)
+    }
+}
+
+#[cfg(test)]
+mod tests;

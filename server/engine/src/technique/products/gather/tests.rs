@@ -1,0 +1,112 @@
+//! Gathers in light that changes, and in light that does not.
+
+use std::sync::Arc;
+
+use glam::{DAffine3, DVec3};
+
+use super::*;
+use crate::{
+    math::sobol::point,
+    scene::{
+        Material,
+        samples::{self, Stage},
+    },
+    technique::{CREASE_ANGLE_RAD, FallenPhoton, Surfaces, TriangleSide},
+    transport::World,
+};
+
+/// Flux of every photon, W.
+const FLUX_W: f32 = 1e-3;
+
+/// A square of 2 × 2 m in the plane y = 0 that faces up, with photons spread evenly over its left and its right half.
+struct Square {
+    maps: PhotonMaps,
+    side: SideId,
+}
+
+impl Square {
+    /// - `counts`: photons on the left and on the right
+    fn lit(counts: [u32; 2], key: u64) -> Square {
+        let mut stage = Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::new(0.5, 0.5, 0.5))).unwrap();
+        let v = DVec3::new;
+        let corners = [v(-1., 0., 1.), v(1., 0., 1.), v(1., 0., -1.), v(-1., 0., -1.)];
+        stage.place("square", samples::quad(corners, &white), DAffine3::IDENTITY).unwrap();
+        let world = World::prepare(Arc::new(stage.finish()));
+        let accel = world.accel();
+        let surfaces = Arc::new(Surfaces::of(accel, CREASE_ANGLE_RAD, &Surfaces::default()));
+        let place = TriangleSide { instance: 0, triangle: 0, is_front: true };
+        let fallen = |half: usize, index: u32| {
+            let [u, w, ..] = point(key + half as u64, index);
+            let x = f64::from(u) - if half == 0 { 1.0 } else { 0.0 };
+            let position = accel.to_render(v(x, 0.0, 2.0 * f64::from(w) - 1.0));
+            let photon = FallenPhoton {
+                position,
+                flux: Rgb::new(FLUX_W, FLUX_W, FLUX_W),
+                direction: octahedral::encode(Vec3::Y),
+            };
+            (PathClass::Indirect, place, photon)
+        };
+        let photons = [0, 1].into_iter().flat_map(|half| (0..counts[half]).map(move |index| (half, index)));
+        let all = photons.map(|(half, index)| fallen(half, index)).collect();
+        let side = surfaces.side(place);
+        Square { maps: PhotonMaps::of(all, surfaces, |_| Vec3::Y, |_, _| None), side }
+    }
+
+    /// A gather of 96 photons in the plane z = 0 that may be narrowed to so many.
+    fn gather(&self, x_m: f32, count_narrow: usize) -> Gather {
+        let count = NonZeroUsize::new(96).unwrap();
+        let bounds = GatherBounds {
+            centre: Vec3::new(x_m, 0.0, 0.0),
+            normal: Vec3::Y,
+            radius_m: f32::INFINITY,
+            count_min: count,
+            count_max: count,
+            radius_max_m: 4.0,
+            count_narrow: NonZeroUsize::new(count_narrow).unwrap(),
+        };
+        let mut gather = Gather::default();
+        self.maps.gather(PathClass::Indirect, &[self.side], &bounds, &mut gather);
+        gather
+    }
+}
+
+/// Beside a spot forty times as bright the nearest photons lie in the spot; a narrowed gather stays out of it.
+#[test]
+fn a_gather_beside_a_bright_spot_stays_out_of_it() {
+    let (mut wide, mut narrow) = (0.0, 0.0);
+    for key in 0..20 {
+        let square = Square::lit([8000, 200], 100 * key);
+        let expected = 100.0 * FLUX_W;
+        let relative = |gather: &Gather| gather.irradiance().luminance() / expected;
+        let (of_all, of_few) = (square.gather(0.25, 96), square.gather(0.25, 16));
+        assert!(of_few.radius_m <= of_all.radius_m && of_few.reach_m >= of_all.radius_m);
+        wide += relative(&of_all) / 20.0;
+        narrow += relative(&of_few) / 20.0;
+    }
+    assert!(wide > 3.0, "light of the spot: {wide}");
+    assert!((0.7..1.5).contains(&narrow), "{narrow}");
+}
+
+/// In even light next to no gather is narrowed, and the mean stays the truth.
+#[test]
+fn even_light_is_not_narrowed() {
+    let (mut sum, mut narrowed) = (0.0, 0);
+    for key in 0..200 {
+        let gather = Square::lit([400, 400], 100 * key).gather(0.1, 16);
+        sum += gather.irradiance().luminance() / (200.0 * FLUX_W) / 200.0;
+        narrowed += u32::from(gather.photons.len() < 95);
+    }
+    assert!((sum - 1.0).abs() < 0.03, "{sum}");
+    assert!(narrowed <= 20, "{narrowed} of 200");
+}
+
+/// What brings no light agrees with any estimate, and what is known without noise with no other.
+#[test]
+fn estimates_agree_within_their_noise() {
+    let mut agreement = Agreement::ANY;
+    let mut sums = FluxSums::default();
+    assert!(agreement.admits(&sums, 1.0), "no light");
+    sums.flux = 1e3;
+    assert!(!agreement.admits(&sums, 1e-6), "light where there is none");
+}
