@@ -72,7 +72,11 @@ impl Rendering {
     /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
     pub fn is_at_its_best(&self) -> bool {
         let is_biased = matches!(self.settings.indirect, Indirect::Octree | Indirect::Irradiance);
-        is_biased && self.knows_its_light() && self.outlook.is_some_and(|outlook| outlook.is_at_its_floor())
+        let is_cut = self.learner.as_ref().is_some_and(|learner| learner.is_cut());
+        is_biased
+            && !is_cut
+            && self.knows_its_light()
+            && self.outlook.is_some_and(|outlook| outlook.is_at_its_floor())
     }
 
     /// Light is looked up in what was learnt, and the error measured against path tracing of some pixels.

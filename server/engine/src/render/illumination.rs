@@ -34,6 +34,8 @@ const KEPT_SHARE_MAX: f64 = 8.0;
 /// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
 const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
 
+/// Share of the time it may take that the next round is to fill at most.
+const FILLED_SHARE: f64 = 0.97;
 /// How octrees' cost grows with photons, as powers, after the first round and after others: cutting up the geometry, which is most of
 /// the first, costs about the same whatever their number.
 const OCTREE_GROWTHS: [f64; 2] = [0.35, 0.85];
@@ -136,7 +138,7 @@ pub struct Illumination {
     allowed_seconds: Option<f64>,
     /// A round is over and the next not begun: what is drawn in between takes of the time there is.
     is_between: bool,
-    /// No further round would end in time.
+    /// No further round would end in time, or the one under way would not.
     is_cut: bool,
     /// See [`Illumination::emission_exponent`].
     exponent: i32,
@@ -150,7 +152,8 @@ pub struct Illumination {
 impl Illumination {
     /// Nothing known yet.
     pub fn new(settings: IlluminationSettings) -> Illumination {
-        let (photons, octree) = techniques(&settings, ROUNDS[0], 0);
+        let (photons, octree) = settings_of(&settings, ROUNDS[0], 0);
+        let (photons, octree) = (PhotonTracing::new(photons), OctreeBuilding::new(octree));
         Illumination {
             settings,
             photons,
@@ -175,6 +178,7 @@ impl Illumination {
         if self.stage() == Stage::Complete {
             return false;
         }
+        let start = Instant::now();
         if std::mem::take(&mut self.is_between) {
             match self.divisor_of_next() {
                 Some(divisor) => self.begin_round(self.round + 1, divisor),
@@ -184,7 +188,6 @@ impl Illumination {
                 }
             }
         }
-        let start = Instant::now();
         let before = self.products.secondary.clone();
         let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
         if !self.photons.is_complete() {
@@ -212,6 +215,16 @@ impl Illumination {
     /// It may take so many seconds from now on: rounds that would not end by then are not begun, or are smaller.
     pub(super) fn allow(&mut self, seconds: f64) {
         self.allowed_seconds = Some(seconds);
+    }
+
+    /// Ends the round that is under way, if anything is known: it would not end in time.
+    pub(super) fn abandon_round(&mut self) {
+        self.is_cut = self.products.secondary.is_some();
+    }
+
+    /// There was no time for all rounds.
+    pub(super) fn is_cut(&self) -> bool {
+        self.is_cut
     }
 
     /// What is under way are rounds, and this is not the last.
@@ -262,7 +275,7 @@ impl Illumination {
         let wanted = ROUNDS[self.round + 1].photon_divisor;
         let fits = |divisor: &u32| {
             let RoundSeconds { photons, octrees } = self.expected_of_next(*divisor);
-            self.allowed_seconds.is_none_or(|allowed| photons + octrees <= allowed)
+            self.allowed_seconds.is_none_or(|allowed| photons + octrees <= FILLED_SHARE * allowed)
         };
         let divisors = std::iter::successors(Some(wanted), |divisor| divisor.checked_mul(2));
         divisors.take_while(|divisor| *divisor < self.photon_divisor).find(fits)
@@ -293,17 +306,23 @@ impl Illumination {
             self.exponent = self.emission_exponent();
         }
         let exponent = if round == 0 { 0 } else { self.exponent };
+        let is_first = round == 0;
         let round = Round { photon_divisor, ..ROUNDS[round] };
-        (self.photons, self.octree) = techniques(&self.settings, round, exponent);
+        let (photons, octree) = settings_of(&self.settings, round, exponent);
+        // A round that follows another sends out the same photons and more, through the same scene.
+        let nothing = PhotonTracing::new(photons);
+        let fewer = std::mem::replace(&mut self.photons, nothing);
+        if !is_first {
+            self.photons = PhotonTracing::adding_to(fewer, photons);
+        }
+        self.octree = OctreeBuilding::new(octree);
         self.products.photons = None;
     }
 
     /// How far it has got.
     pub fn stage(&self) -> Stage {
-        if !self.is_before_last_round()
-            && self.photons.is_complete()
-            && self.octree.is_complete(self.photons.product())
-        {
+        let is_over = self.photons.is_complete() && self.octree.is_complete(self.photons.product());
+        if self.is_cut || is_over && !self.is_before_last_round() {
             Stage::Complete
         } else if self.products.secondary.is_some() {
             Stage::Rough
@@ -317,6 +336,8 @@ impl Illumination {
     pub fn apply(&mut self, edit: &Edit<'_>) {
         self.photons.apply(edit);
         self.octree.apply(edit);
+        // What follows is decided by the scene as it is now.
+        (self.is_between, self.is_cut) = (false, false);
         if edit.before.accel().origin_in_world() != edit.after.accel().origin_in_world() {
             // What is known lies around another origin.
             self.products.secondary = None;
@@ -378,12 +399,12 @@ impl Illumination {
     }
 }
 
-/// The techniques of a round.
-fn techniques(
+/// Photons and octree of a round.
+fn settings_of(
     settings: &IlluminationSettings,
     round: Round,
     exponent: i32,
-) -> (PhotonTracing, OctreeBuilding) {
+) -> (PhotonSettings, OctreeSettings) {
     let asked_for = (settings.photons.emitted_count / round.photon_divisor).max(1);
     let times = 1 << exponent.unsigned_abs();
     let emitted_count =
@@ -396,5 +417,5 @@ fn techniques(
         photon_count: asked_for,
         ..settings.octree
     };
-    (PhotonTracing::new(photons), OctreeBuilding::new(octree))
+    (photons, octree)
 }

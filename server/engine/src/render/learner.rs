@@ -7,7 +7,9 @@ use std::{
     time::Instant,
 };
 
-use super::{Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage};
+use super::{
+    Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage, learning::RoundUnderWay,
+};
 use crate::{
     film::PictureSize,
     scene::CameraView,
@@ -106,11 +108,21 @@ impl Learner {
         }
     }
 
-    /// Seconds until the round of photons that is under way makes a better octree, if that is to be foreseen, and whether another
-    /// follows.
-    pub(super) fn seconds_left_of_round(&self) -> Option<(f64, bool)> {
+    /// The round of photons for an octree that is under way, if it is to be foreseen when it ends.
+    pub(super) fn round(&self) -> Option<RoundUnderWay> {
         let illumination = self.illumination.as_ref().filter(|_| self.learnt == Learnt::Octree)?;
-        Some((illumination.seconds_left_of_round()?, illumination.is_before_last_round()))
+        let seconds_left = illumination.seconds_left_of_round()?;
+        Some(RoundUnderWay { seconds_left, is_followed: illumination.is_before_last_round() })
+    }
+
+    /// Ends it: what is known by now is all that there will be.
+    pub(super) fn abandon_round(&mut self) {
+        self.illumination.iter_mut().for_each(Illumination::abandon_round);
+    }
+
+    /// More would be known with more time.
+    pub(super) fn is_cut(&self) -> bool {
+        self.illumination.as_ref().is_some_and(Illumination::is_cut)
     }
 
     /// Somebody looks at something, in place of what was looked at by this name before.

@@ -20,6 +20,11 @@ const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
 /// Share of the time there is for learning within which a round comes soon: the sooner it ends, the larger the next may be.
 const SOON_SHARE: f64 = 1.0 / 3.0;
 
+/// What a round may take for each second that it is expected to take, before it counts as one that would not end in time.
+const DOUBT: f64 = 1.1;
+/// Passes that may be drawn before it is looked at again whether a round ends in time: one, and another that takes longer.
+const PASSES_BETWEEN: f64 = 2.0;
+
 /// How learning goes on beside drawing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pace {
@@ -31,6 +36,35 @@ enum Pace {
     Never,
 }
 
+/// A round of photons that is under way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RoundUnderWay {
+    /// Until it makes a better octree.
+    pub(super) seconds_left: f64,
+    /// Another follows.
+    pub(super) is_followed: bool,
+}
+
+impl RoundUnderWay {
+    /// How it is to go on.
+    ///
+    /// - `seconds`: there are for learning
+    /// - `share`: of work on learning for each on drawing
+    /// - `pass_seconds`: of a pass
+    fn pace(self, seconds: f64, share: f64, pass_seconds: f64) -> Pace {
+        let left = self.seconds_left;
+        if left > seconds {
+            Pace::Never
+        } else if left * (DOUBT + 1.0 / share) + PASSES_BETWEEN * pass_seconds > seconds
+            || self.is_followed && left <= SOON_SHARE * seconds
+        {
+            Pace::Now
+        } else {
+            Pace::Shared
+        }
+    }
+}
+
 impl Rendering {
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
@@ -38,15 +72,14 @@ impl Rendering {
         let (is_late, spent_before) = (self.is_late(), self.spent_rays());
         let (until, pace) = (self.learns_until(), self.pace());
         let learner = self.learner.as_mut()?;
+        if pace == Pace::Never {
+            learner.abandon_round();
+        }
         let is_pass_due = match learner.stage() {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
             Stage::Rough if self.film.passes_min() == 0 || is_late => true,
-            Stage::Rough => match pace {
-                Pace::Shared => self.lead > 0.0,
-                Pace::Now => false,
-                Pace::Never => true,
-            },
+            Stage::Rough => pace != Pace::Now && self.lead > 0.0,
             Stage::Complete => true,
         };
         if is_pass_due {
@@ -77,20 +110,21 @@ impl Rendering {
         Some(Progress { counts, complete: false })
     }
 
-    /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing.
-    fn pace(&self) -> Pace {
-        let (Some(moment), Some(learner)) = (self.learns_until(), &self.learner) else { return Pace::Shared };
-        let Some((left, is_followed)) = learner.seconds_left_of_round() else { return Pace::Shared };
-        let time = moment.saturating_duration_since(Instant::now()).as_secs_f64();
-        if left > time {
-            Pace::Never
-        } else if left * (1.0 + 1.0 / self.learning_share()) > time
-            || is_followed && left <= SOON_SHARE * time
-        {
-            Pace::Now
-        } else {
-            Pace::Shared
+    /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
+    /// once had to go first does so to its end, however long that takes.
+    fn pace(&mut self) -> Pace {
+        let round = self.learner.as_ref().and_then(|learner| learner.round());
+        let (Some(moment), Some(round)) = (self.learns_until(), round) else {
+            self.hurries = false;
+            return Pace::Shared;
+        };
+        if self.hurries {
+            return Pace::Now;
         }
+        let seconds = moment.saturating_duration_since(Instant::now()).as_secs_f64();
+        let pace = round.pace(seconds, self.learning_share(), self.pass_seconds);
+        self.hurries = pace == Pace::Now;
+        pace
     }
 
     /// From when on nothing more is learnt.
@@ -152,5 +186,39 @@ impl Rendering {
     /// What its records of irradiance took, where it makes any.
     pub fn records(&self) -> RecordReport {
         self.learner.as_ref().map(|learner| learner.records()).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A round whose length is known, beside passes of a length, ends by the end of the time wherever that is possible at all.
+    #[test]
+    fn rounds_that_fit_end_in_time() {
+        for share in [0.25, 1.0, 5.0] {
+            for pass_seconds in [0.01, 0.1, 0.4] {
+                for percent in (5..=120).step_by(5) {
+                    let (time, round) = (9.0, 9.0 * f64::from(percent) / 100.0);
+                    let (mut now, mut done, mut lead, mut hurries) = (0.0, 0.0, 0.0, false);
+                    while now < time && done < round {
+                        let under_way = RoundUnderWay { seconds_left: round - done, is_followed: false };
+                        let pace =
+                            if hurries { Pace::Now } else { under_way.pace(time - now, share, pass_seconds) };
+                        hurries = pace == Pace::Now;
+                        match pace {
+                            Pace::Never => break,
+                            Pace::Shared if lead > 0.0 => {
+                                (now, lead) = (now + pass_seconds, lead - share * pass_seconds);
+                            }
+                            _ => (now, done, lead) = (now + 0.01, done + 0.01, lead + 0.01),
+                        }
+                    }
+                    let is_done = done >= round;
+                    assert_eq!(is_done, percent <= 100, "{percent} % at {share}, passes of {pass_seconds} s");
+                    assert!(is_done || done == 0.0, "learnt for nothing: {done} of {round} s");
+                }
+            }
+        }
     }
 }

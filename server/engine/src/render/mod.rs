@@ -229,6 +229,10 @@ pub struct Rendering {
     learner: Option<Box<Learner>>,
     /// Work on learning ahead of the share of it that was due when passes were drawn, in what [`Rendering::work`] counts.
     lead: f64,
+    /// A round of learning goes before drawing.
+    hurries: bool,
+    /// Seconds of the last pass and of measuring after it.
+    pass_seconds: f64,
     /// What the picture was last found to be short of, also of the light before it was known better.
     shortfall: Option<Shortfall>,
     /// Where light is looked up: what the error is measured with, and what was found.
@@ -323,6 +327,8 @@ impl Rendering {
             settings,
             learner: None,
             lead: 0.0,
+            hurries: false,
+            pass_seconds: 0.0,
             shortfall: None,
             measuring: measured
                 .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
@@ -373,6 +379,7 @@ impl Rendering {
             }
             self.measure(cancel);
         }
+        self.pass_seconds = start.elapsed().as_secs_f64();
         Progress { counts: self.counts - before, ..progress }
     }
 

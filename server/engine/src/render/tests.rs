@@ -456,8 +456,10 @@ fn rounds_keep_to_the_time_there_is() {
     let never = AtomicBool::new(false);
     let emitted_in = |seconds: Option<f64>| {
         let mut illumination = Illumination::new(settings(30_000, 5));
-        let mut foreseen = 0;
+        let (mut foreseen, mut steps) = (0, 0);
         while illumination.stage() != Stage::Complete {
+            steps += 1;
+            assert!(steps < 100_000, "no end of it");
             seconds.into_iter().for_each(|seconds| illumination.allow(seconds));
             illumination.step(&world, &never);
             let left = illumination.seconds_left_of_round();
@@ -472,4 +474,30 @@ fn rounds_keep_to_the_time_there_is() {
     assert_eq!(emitted_in(Some(1e6)).0, all);
     let (few, is_foreseen) = emitted_in(Some(0.0));
     assert!(!is_foreseen && few * 8 < all, "{few} of {all}");
+}
+
+/// An edit between two rounds leaves nothing of the scene before: neither light nor how many photons are sent out.
+#[test]
+fn an_edit_between_rounds_leaves_a_fresh_build() {
+    let never = AtomicBool::new(false);
+    let settings = settings(30_000, 5);
+    let world = world_of(samples::cornell_box().unwrap());
+    let mut kept = Illumination::new(settings);
+    // The step that makes the first octree ends the first round.
+    while kept.known().is_none() {
+        kept.step(&world, &never);
+    }
+    let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+    builder.set_material(id("white".into()), Material::lambert(Rgb::new(0.98, 0.98, 0.98))).unwrap();
+    let (scene, change) = builder.finish();
+    let next = world.update(Arc::new(scene), &change);
+    kept.apply(&Edit { before: &world, after: &next, change: &change });
+    let mut fresh = Illumination::new(settings);
+    for illumination in [&mut kept, &mut fresh] {
+        for _ in 0..100_000 {
+            illumination.step(&next, &never);
+        }
+        assert_eq!(illumination.stage(), Stage::Complete);
+    }
+    assert!(fresh.octree().octree().unwrap().holds_the_same(kept.octree().octree().unwrap()));
 }

@@ -105,6 +105,17 @@ impl PhotonTracing {
         }
     }
 
+    /// Nothing traced yet but what `fewer` has traced: photons of the same name are the same however many there are.
+    ///
+    /// - `fewer`: of the scene that the first step will be given. Nothing of it is taken over while it is not complete, nor where
+    ///   the settings differ by more than the number of photons
+    pub fn adding_to(fewer: PhotonTracing, settings: PhotonSettings) -> PhotonTracing {
+        let fewer_settings = PhotonSettings { emitted_count: settings.emitted_count, ..fewer.settings };
+        let is_known = fewer.is_complete() && fewer_settings == settings;
+        let paths = if is_known { fewer.paths } else { PhotonPaths::default() };
+        PhotonTracing { paths, surfaces: fewer.surfaces, ..PhotonTracing::new(settings) }
+    }
+
     /// The photons as they are kept.
     pub fn paths(&self) -> &PhotonPaths {
         &self.paths
@@ -115,7 +126,7 @@ impl PhotonTracing {
         &self.product
     }
 
-    /// Where the flux of all photons traced so far went.
+    /// Where the flux of all photons went that were traced so far, without those that were taken over.
     pub fn flux(&self) -> FluxTally {
         self.tally.flux
     }
@@ -152,17 +163,20 @@ impl PhotonTracing {
         start.elapsed().as_secs_f64()
     }
 
-    /// Lays out the photons of every light of `world`, all to be traced.
+    /// Lays out the photons of every light of `world`, all to be traced that are not known.
     fn begin(&mut self, world: &World) {
         let sources = world.sources();
         let counts = counts_of(&sources, self.settings.emitted_count);
-        let photons = sources
-            .into_iter()
-            .zip(counts)
-            .map(|(source, count)| SourcePhotons::new(source, self.settings.seed, count));
+        let mut known = std::mem::take(&mut self.paths).sources.into_iter();
+        let photons = sources.into_iter().zip(counts).map(|(source, count)| {
+            let mut photons = SourcePhotons::new(source, self.settings.seed, count);
+            known.by_ref().take(1).for_each(|fewer| photons.take_over(fewer));
+            photons
+        });
         self.paths = PhotonPaths { sources: photons.collect() };
-        let all_of = |name: BlockName| self.paths.sources[name.source as usize].all_of(name);
-        self.pending = Some(self.paths.blocks().into_iter().map(all_of).collect());
+        let unknown_of = |name: BlockName| self.paths.sources[name.source as usize].unknown_of(name);
+        let blocks = self.paths.blocks().into_iter();
+        self.pending = Some(blocks.map(unknown_of).filter(|(_, unknown)| *unknown != 0).collect());
         self.surfaces = self.surfaces_of(world.accel());
         self.stale = selective::Stale::everything();
         self.tally = TraceTally::default();

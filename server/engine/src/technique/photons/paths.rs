@@ -216,10 +216,28 @@ impl SourcePhotons {
         self.count.saturating_sub(stratum).div_ceil(strata)
     }
 
+    /// The paths of fewer photons of the same light, sent out with the same seed.
+    pub(super) fn take_over(&mut self, fewer: SourcePhotons) {
+        let is_same = self.source.name() == fewer.source.name() && self.source.emits_like(&fewer.source);
+        if !is_same || fewer.count > self.count || fewer.strata.len() != self.strata.len() {
+            return;
+        }
+        for (blocks, known) in self.strata.iter_mut().zip(fewer.strata) {
+            blocks.iter_mut().zip(known).for_each(|(block, known)| *block = known);
+        }
+    }
+
     /// A block, and a bit for each of its photons.
     pub(super) fn all_of(&self, name: BlockName) -> (BlockName, u64) {
         let count = self.numbers(name).count() as u32;
         (name, u64::MAX.checked_shr(BLOCK - count).unwrap_or(0))
+    }
+
+    /// A block, and a bit for each of its photons that has no path yet.
+    pub(super) fn unknown_of(&self, name: BlockName) -> (BlockName, u64) {
+        let known = self.strata[name.stratum as usize][name.place as usize].paths.len() as u32;
+        let (name, all) = self.all_of(name);
+        (name, all & u64::MAX.checked_shl(known).unwrap_or(0))
     }
 
     /// Numbers of the photons of a block.

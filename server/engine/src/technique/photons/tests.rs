@@ -193,3 +193,39 @@ fn photons_carry_nearly_the_same_flux() {
     // Neither more nor fewer for the one that sends out a billionth: one photon.
     assert!(all[0] < 1e-4 * median);
 }
+
+/// Photons added to those that are there are those of a fresh trace, path for path, and only what is new is traced.
+#[test]
+fn more_photons_are_those_of_a_fresh_trace() {
+    let never = AtomicBool::new(false);
+    // Below and above the number from which a light has strata, and across it.
+    for [fewer, more] in [[1000, 3000], [6000, 30_000], [5000, 5001], [1000, 30_000], [30_000, 6000]] {
+        let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
+        let rays_of = |tracing: &mut PhotonTracing| {
+            let (mut products, mut rays) = (Products::default(), 0);
+            while !tracing.is_complete() {
+                let mut step = Step { world: &world, products: &mut products, canvas: None, cancel: &never };
+                rays += tracing.step(&mut step).counts.all_rays();
+            }
+            rays as f64
+        };
+        let mut fresh = PhotonTracing::new(emitting(more));
+        let mut known = PhotonTracing::new(emitting(fewer));
+        rays_of(&mut known);
+        let mut added = PhotonTracing::adding_to(known, emitting(more));
+        let share = rays_of(&mut added) / rays_of(&mut fresh);
+        let hits = |tracing: &PhotonTracing| -> Vec<_> {
+            tracing.paths().hits().map(|(hit, flux)| (*hit, flux)).collect()
+        };
+        assert_eq!(hits(&added), hits(&fresh), "{fewer} and {more}");
+        assert!(added.paths().segments().eq(fresh.paths().segments()));
+        let class = PathClass::Indirect;
+        assert_eq!(added.product().maps.photon_count(class), fresh.product().maps.photon_count(class));
+        let is_kept = fewer < more && (fewer < 4608) == (more < 4608);
+        let expected = if is_kept { 1.0 - f64::from(fewer) / f64::from(more) } else { 1.0 };
+        assert!(
+            (share - expected).abs() < 0.1 * expected + 0.02,
+            "{fewer} and {more}: {share} for {expected}"
+        );
+    }
+}

@@ -87,12 +87,14 @@ struct Near {
 /// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
 const FACING_COS: f32 = 0.5;
 /// The same where enough photons lie on such surfaces: the sides of eight-sided columns are 45° apart.
-const ALIKE_COS: f32 = 0.8;
+const ALIKE_COS: f32 = 0.79;
 /// Cosine that all have.
 const ANY_COS: f32 = -2.0;
 /// Photons of a gather that must face its normal; with fewer all count.
 const FACING_MIN: usize = 8;
 
+/// Share of the radius that a gather is content with below which it is not narrowed: what is found there stands for a whole cell.
+const NARROWEST: f32 = 0.4;
 /// How many times as many photons count in each wider estimate when a gather is narrowed.
 const WIDER: usize = 3;
 /// Two estimates agree where they are no further apart than so many standard deviations of both: more keep blur, fewer take noise
@@ -139,6 +141,11 @@ pub struct GatherBounds {
 }
 
 impl GatherBounds {
+    /// A radius is asked for, not a number of photons.
+    fn is_content(&self) -> bool {
+        self.radius_m > 0.0 && self.radius_m < self.radius_max_m
+    }
+
     /// From the middle to a point in the space in which the ellipsoid of the gather is a sphere, m.
     pub(super) fn flattened_from(&self, p: Vec3) -> Vec3 {
         let from = p - self.centre;
@@ -193,7 +200,7 @@ impl PhotonMaps {
     /// than the nearest of some number.
     fn search(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         let maps = &self.sides[class];
-        let is_content = bounds.radius_m > 0.0 && bounds.radius_m < bounds.radius_max_m;
+        let is_content = bounds.is_content();
         gather.radius_m = if is_content { bounds.radius_m } else { bounds.radius_max_m * FIRST_GUESS };
         let mut count_max = if is_content { bounds.count_max } else { bounds.count_min }.get();
         loop {
@@ -265,6 +272,7 @@ impl PhotonMaps {
             return;
         }
         gather.near.sort_unstable_by(Near::by_distance);
+        let narrowest_m = if bounds.is_content() { NARROWEST * bounds.radius_m } else { 0.0 };
         let widest = Estimate { count: all, radius_m: gather.radius_m, area_m2: gather.area_m2 };
         let (mut sums, mut summed) = (FluxSums::default(), 0);
         let mut agreement = Agreement::ANY;
@@ -284,7 +292,7 @@ impl PhotonMaps {
             photons.filter_map(|near| near.of(&self.sides[class])).for_each(|photon| sums.add(&photon));
             summed = estimate.count;
             // Photons at one point have no area around them.
-            if estimate.radius_m > 0.0 && estimate.area_m2 > 0.0 {
+            if estimate.radius_m > narrowest_m && estimate.area_m2 > 0.0 {
                 if !agreement.admits(&sums, estimate.area_m2) {
                     break;
                 }
