@@ -35,7 +35,9 @@ const KEPT_SHARE_MAX: f64 = 8.0;
 const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
 
 /// Share of the time it may take that the next round is to fill at most.
-const FILLED_SHARE: f64 = 0.97;
+const FILLED_SHARE: f64 = 0.9;
+/// Time that a photon takes over that of one of the first round, which meets cold memory.
+const WARM_PACE: f64 = 0.6;
 /// How octrees' cost grows with photons, as powers, after the first round and after others: cutting up the geometry, which is most of
 /// the first, costs about the same whatever their number.
 const OCTREE_GROWTHS: [f64; 2] = [0.35, 0.85];
@@ -130,6 +132,8 @@ pub struct Illumination {
     round: usize,
     /// All photons over those of this round: it may be smaller than [`ROUNDS`] has it, to end in time.
     photon_divisor: u32,
+    /// Photons of this round that the one before has traced.
+    taken_over: u64,
     /// What this round is expected to take, by what the one before took; `None` for the first.
     expected: Option<RoundSeconds>,
     /// What all before it took.
@@ -160,6 +164,7 @@ impl Illumination {
             octree,
             round: 0,
             photon_divisor: ROUNDS[0].photon_divisor,
+            taken_over: 0,
             expected: None,
             begun: RoundSeconds::default(),
             allowed_seconds: None,
@@ -222,6 +227,11 @@ impl Illumination {
         self.is_cut = self.products.secondary.is_some();
     }
 
+    /// A round is over and the next not begun.
+    pub(super) fn is_between_rounds(&self) -> bool {
+        self.is_between
+    }
+
     /// There was no time for all rounds.
     pub(super) fn is_cut(&self) -> bool {
         self.is_cut
@@ -259,14 +269,23 @@ impl Illumination {
         }
     }
 
-    /// What the next round would take: each as many times as much as it has photons.
+    /// What the next round would take, by its photons.
     fn expected_of_next(&self, divisor: u32) -> RoundSeconds {
         let spent = self.spent();
         let growth = f64::from(self.photon_divisor) / f64::from(divisor);
         // The first round does not know yet how many must be sent out for as many to be kept.
-        let sent = if self.round == 0 { f64::from(self.emission_exponent()).exp2() } else { 1.0 };
+        let (sent, pace) = match self.round {
+            0 => (f64::from(self.emission_exponent()).exp2(), WARM_PACE),
+            _ => (1.0, 1.0),
+        };
         let octree_growth = growth.powf(OCTREE_GROWTHS[self.round.min(1)]);
-        RoundSeconds { photons: spent.photons * growth * sent, octrees: spent.octrees * octree_growth }
+        // Those that are there need not be traced again.
+        let there = self.photons.paths().path_count() as f64;
+        let per_photon = spent.photons / (there - self.taken_over as f64).max(1.0);
+        RoundSeconds {
+            photons: pace * per_photon * there * (growth * sent - 1.0).max(0.0),
+            octrees: spent.octrees * octree_growth,
+        }
     }
 
     /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no
@@ -312,6 +331,7 @@ impl Illumination {
         // A round that follows another sends out the same photons and more, through the same scene.
         let nothing = PhotonTracing::new(photons);
         let fewer = std::mem::replace(&mut self.photons, nothing);
+        self.taken_over = if is_first { 0 } else { fewer.paths().path_count() };
         if !is_first {
             self.photons = PhotonTracing::adding_to(fewer, photons);
         }

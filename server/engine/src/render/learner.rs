@@ -115,7 +115,13 @@ impl Learner {
         Some(RoundUnderWay { seconds_left, is_followed: illumination.is_before_last_round() })
     }
 
-    /// Ends it: what is known by now is all that there will be.
+    /// A round of photons for an octree is over, and the next not begun.
+    pub(super) fn is_between_rounds(&self) -> bool {
+        let illumination = self.illumination.as_ref().filter(|_| self.learnt == Learnt::Octree);
+        illumination.is_some_and(Illumination::is_between_rounds)
+    }
+
+    /// Ends the round that is under way: what is known by now is all that there will be.
     pub(super) fn abandon_round(&mut self) {
         self.illumination.iter_mut().for_each(Illumination::abandon_round);
     }

@@ -18,7 +18,7 @@ const LEARNING_SHARE: f64 = 1.0;
 const LEARNING_SHARES: [f64; 2] = [0.25, 5.0];
 
 /// Share of the time there is for learning within which a round comes soon: the sooner it ends, the larger the next may be.
-const SOON_SHARE: f64 = 1.0 / 3.0;
+const SOON_SHARE: f64 = 0.5;
 
 /// What a round may take for each second that it is expected to take, before it counts as one that would not end in time.
 const DOUBT: f64 = 1.1;
@@ -113,8 +113,13 @@ impl Rendering {
     /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
     /// once had to go first does so to its end, however long that takes.
     fn pace(&mut self) -> Pace {
-        let round = self.learner.as_ref().and_then(|learner| learner.round());
-        let (Some(moment), Some(round)) = (self.learns_until(), round) else {
+        let (Some(moment), Some(learner)) = (self.learns_until(), &self.learner) else { return Pace::Shared };
+        if learner.is_between_rounds() {
+            // The sooner the next begins, the larger it may be.
+            self.hurries = false;
+            return Pace::Now;
+        }
+        let Some(round) = learner.round() else {
             self.hurries = false;
             return Pace::Shared;
         };
