@@ -132,8 +132,6 @@ pub struct Illumination {
     round: usize,
     /// All photons over those of this round: it may be smaller than [`ROUNDS`] has it, to end in time.
     photon_divisor: u32,
-    /// Photons of this round that the one before has traced.
-    taken_over: u64,
     /// What this round is expected to take, by what the one before took; `None` for the first.
     expected: Option<RoundSeconds>,
     /// What all before it took.
@@ -164,7 +162,6 @@ impl Illumination {
             octree,
             round: 0,
             photon_divisor: ROUNDS[0].photon_divisor,
-            taken_over: 0,
             expected: None,
             begun: RoundSeconds::default(),
             allowed_seconds: None,
@@ -250,11 +247,11 @@ impl Illumination {
         let photons = if self.photons.is_complete() {
             0.0
         } else {
-            let paths = self.photons.paths().path_count() as f64;
-            let traced =
-                if self.photons.is_begun() { paths - self.photons.pending_count() as f64 } else { 0.0 };
-            let at_this_pace =
-                if traced > TELLING_SHARE * paths { spent.photons * (paths - traced) / traced } else { 0.0 };
+            let all = self.photons.paths().path_count() - self.photons.taken_over_count();
+            let left = if self.photons.is_begun() { self.photons.pending_count() } else { all };
+            let [all, left] = [all, left].map(|paths| paths as f64);
+            let traced = all - left;
+            let at_this_pace = if traced > TELLING_SHARE * all { spent.photons * left / traced } else { 0.0 };
             // Paths are put into maps after the last is traced.
             at_this_pace.max(expected.photons - spent.photons)
         };
@@ -279,13 +276,12 @@ impl Illumination {
             _ => (1.0, 1.0),
         };
         let octree_growth = growth.powf(OCTREE_GROWTHS[self.round.min(1)]);
-        // Those that are there need not be traced again.
         let there = self.photons.paths().path_count() as f64;
-        let per_photon = spent.photons / (there - self.taken_over as f64).max(1.0);
-        RoundSeconds {
-            photons: pace * per_photon * there * (growth * sent - 1.0).max(0.0),
-            octrees: spent.octrees * octree_growth,
-        }
+        let per_photon = spent.photons / (there - self.photons.taken_over_count() as f64).max(1.0);
+        let wanted = there * growth * sent;
+        // Those that are there are not traced again, unless there are more than are wanted: then none is taken over.
+        let traced = if wanted >= there { wanted - there } else { wanted };
+        RoundSeconds { photons: pace * per_photon * traced, octrees: spent.octrees * octree_growth }
     }
 
     /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no
@@ -331,7 +327,6 @@ impl Illumination {
         // A round that follows another sends out the same photons and more, through the same scene.
         let nothing = PhotonTracing::new(photons);
         let fewer = std::mem::replace(&mut self.photons, nothing);
-        self.taken_over = if is_first { 0 } else { fewer.paths().path_count() };
         if !is_first {
             self.photons = PhotonTracing::adding_to(fewer, photons);
         }

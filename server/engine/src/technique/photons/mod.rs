@@ -78,6 +78,8 @@ pub struct PhotonTracing {
     paths: PhotonPaths,
     /// Paths to be traced, by block, a bit each. `None` before the first step.
     pending: Option<BTreeMap<BlockName, u64>>,
+    /// Paths that were taken over and not traced.
+    taken_over: u64,
     surfaces: Arc<Surfaces>,
     product: Arc<PhotonProduct>,
     /// What changed since the last product.
@@ -96,6 +98,7 @@ impl PhotonTracing {
             settings,
             paths: PhotonPaths::default(),
             pending: None,
+            taken_over: 0,
             surfaces: Arc::default(),
             product: Arc::default(),
             stale: selective::Stale::everything(),
@@ -141,6 +144,11 @@ impl PhotonTracing {
         self.pending.is_some()
     }
 
+    /// Paths that were [taken over](PhotonTracing::adding_to), once it has looked at a scene.
+    pub fn taken_over_count(&self) -> u64 {
+        self.taken_over
+    }
+
     /// Paths to be traced.
     pub fn pending_count(&self) -> u64 {
         self.pending.iter().flatten().map(|(_, paths)| u64::from(paths.count_ones())).sum()
@@ -177,6 +185,7 @@ impl PhotonTracing {
         let unknown_of = |name: BlockName| self.paths.sources[name.source as usize].unknown_of(name);
         let blocks = self.paths.blocks().into_iter();
         self.pending = Some(blocks.map(unknown_of).filter(|(_, unknown)| *unknown != 0).collect());
+        self.taken_over = self.paths.path_count() - self.pending_count();
         self.surfaces = self.surfaces_of(world.accel());
         self.stale = selective::Stale::everything();
         self.tally = TraceTally::default();

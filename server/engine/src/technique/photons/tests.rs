@@ -212,6 +212,8 @@ fn more_photons_are_those_of_a_fresh_trace() {
         let mut fresh = PhotonTracing::new(emitting(more));
         let mut known = PhotonTracing::new(emitting(fewer));
         rays_of(&mut known);
+        // About as many as asked for.
+        let known_count = known.paths().path_count();
         let mut added = PhotonTracing::adding_to(known, emitting(more));
         let share = rays_of(&mut added) / rays_of(&mut fresh);
         let hits = |tracing: &PhotonTracing| -> Vec<_> {
@@ -222,6 +224,7 @@ fn more_photons_are_those_of_a_fresh_trace() {
         let class = PathClass::Indirect;
         assert_eq!(added.product().maps.photon_count(class), fresh.product().maps.photon_count(class));
         let is_kept = fewer < more && (fewer < 4608) == (more < 4608);
+        assert_eq!(added.taken_over_count(), if is_kept { known_count } else { 0 });
         let expected = if is_kept { 1.0 - f64::from(fewer) / f64::from(more) } else { 1.0 };
         assert!(
             (share - expected).abs() < 0.1 * expected + 0.02,

@@ -180,14 +180,14 @@ impl PhotonMaps {
         // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
         // far away.
         gather.near.sort_unstable_by_key(Near::name);
-        let facing_cos = gather.facing_cos;
-        self.measure_sides(class, sides, bounds, Reach { radius_m: gather.radius_m, facing_cos }, gather);
+        let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
+        self.measure_sides(class, sides, bounds, reach, gather);
         if !(gather.area_m2 > 0.0) {
             return;
         }
         let Gather { near, dark, .. } = gather;
         near.retain(|near| dark.binary_search(&near.side).is_err());
-        self.narrow(class, sides, bounds, facing_cos, gather);
+        self.narrow(class, sides, bounds, gather);
         let per_area = 1.0 / gather.area_m2;
         let photons = gather.near.iter().filter_map(|near| near.of(maps));
         gather.photons.extend(photons.map(|photon| GatheredPhoton {
@@ -258,14 +258,7 @@ impl PhotonMaps {
     }
 
     /// Narrows a gather to the widest estimate that agrees with all narrower ones within their noise [Lepski1991].
-    fn narrow(
-        &self,
-        class: usize,
-        sides: &[SideId],
-        bounds: &GatherBounds,
-        facing_cos: f32,
-        gather: &mut Gather,
-    ) {
+    fn narrow(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         let all = gather.near.len();
         let mut count = bounds.count_narrow.get();
         if count > all / 2 {
@@ -283,7 +276,7 @@ impl PhotonMaps {
                 widest
             } else {
                 let radius_m = gather.near[count].distance2.sqrt();
-                let reach = Reach { radius_m, facing_cos };
+                let reach = Reach { radius_m, facing_cos: gather.facing_cos };
                 let lit = sides.iter().filter(|side| !gather.is_dark(**side));
                 let area_m2 = lit.map(|side| self.surfaces.area_within(*side, bounds, reach)).sum();
                 Estimate { count, radius_m, area_m2 }
