@@ -27,12 +27,12 @@ const ROUNDS: [Round; 3] = [
 const TOUCHED_SHARE_MAX: f64 = 0.2;
 
 /// Photons in maps for each that the settings ask for.
-const MAPPED_SHARE: f64 = 0.6;
+const MAPPED_SHARE: f64 = 1.2;
 /// Surfaces at which photons are kept for each that the settings ask for, about, at most: bright rooms and mirrors keep each at
 /// tens of them, and fewer are sent out.
 const KEPT_SHARE_MAX: f64 = 8.0;
 /// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
-const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 2.0];
+const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 4.0];
 
 /// Share of the time it may take that the next round is to fill at most.
 const FILLED_SHARE: f64 = 0.9;
@@ -247,7 +247,7 @@ impl Illumination {
         let photons = if self.photons.is_complete() {
             0.0
         } else {
-            let all = self.photons.paths().path_count() - self.photons.taken_over_count();
+            let all = self.photons.paths().path_count().saturating_sub(self.photons.taken_over_count());
             let left = if self.photons.is_begun() { self.photons.pending_count() } else { all };
             let [all, left] = [all, left].map(|paths| paths as f64);
             let traced = all - left;
@@ -302,7 +302,7 @@ impl Illumination {
     fn emission_exponent(&self) -> i32 {
         let maps = &self.photons.product().maps;
         let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
-        let emitted = self.photons.paths().path_count() as f64;
+        let emitted = self.photons.paths().full_count() as f64;
         let kept = self.photons.paths().hit_count().max(1) as f64;
         let wanted = (MAPPED_SHARE * emitted / mapped as f64).log2().round().max(0.0);
         let allowed = (KEPT_SHARE_MAX * emitted / kept).log2().round();

@@ -2,13 +2,15 @@
 //!
 //! Every photon is named by its light and number and starts from the same numbers on every run (`sequence.rs`), so a scene
 //! has one set of photons, whatever the threads and the edits that led to it. Lights get photons in proportion to their
-//! power, every photon carries nearly the same flux, and ends by Russian roulette (`trace.rs`). Paths are kept whole
+//! power, fewer and heavier ones where few of them become what maps hold (`guide.rs`), and each ends by Russian roulette with
+//! nearly the flux it began with (`trace.rs`). Paths are kept whole
 //! (`paths.rs`); an edit withdraws exactly those it may have changed (`selective.rs`). Hits are found again through the maps
 //! of [`super::PhotonMaps`] [Jensen1996; Larsen2004, 4, 6, 8, 9].
 //!
 //! **Unbiased** as flux: hits are samples of the flux that arrives at surfaces. What is read from them by density estimates
 //! is biased, see there.
 
+mod guide;
 mod paths;
 mod selective;
 mod sequence;
@@ -47,7 +49,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonSettings {
     /// Photons that all lights together emit, to a fifth: the flux of a photon goes in steps, so that small edits do not
-    /// change it.
+    /// change it. Fewer are sent where few of them become what maps hold, down to an eighth.
     pub emitted_count: u32,
     /// Most surfaces that a photon reaches; `None`: until absorbed.
     pub bounces_max: Option<u32>,
@@ -84,7 +86,6 @@ pub struct PhotonTracing {
     product: Arc<PhotonProduct>,
     /// What changed since the last product.
     stale: selective::Stale,
-    tally: TraceTally,
     edit_counts: EditCounts,
     probe: selective::Probe,
 }
@@ -102,7 +103,6 @@ impl PhotonTracing {
             surfaces: Arc::default(),
             product: Arc::default(),
             stale: selective::Stale::everything(),
-            tally: TraceTally::default(),
             edit_counts: EditCounts::default(),
             probe: selective::Probe::default(),
         }
@@ -131,7 +131,13 @@ impl PhotonTracing {
 
     /// Where the flux of all photons went that were traced so far, without those that were taken over.
     pub fn flux(&self) -> FluxTally {
-        self.tally.flux
+        let sources = self.paths.sources.iter();
+        let strata = sources.flat_map(|photons| (0..).zip(&photons.tallies).map(move |of| (photons, of)));
+        strata.fold(FluxTally::default(), |mut sum, (photons, (stratum, [pilots, others]))| {
+            sum += pilots.in_watts(f64::from(photons.flux_w(stratum, true)));
+            sum += others.in_watts(f64::from(photons.flux_w(stratum, false)));
+            sum
+        })
     }
 
     /// What the last edit cost.
@@ -185,10 +191,10 @@ impl PhotonTracing {
         let unknown_of = |name: BlockName| self.paths.sources[name.source as usize].unknown_of(name);
         let blocks = self.paths.blocks().into_iter();
         self.pending = Some(blocks.map(unknown_of).filter(|(_, unknown)| *unknown != 0).collect());
-        self.taken_over = self.paths.path_count() - self.pending_count();
         self.surfaces = self.surfaces_of(world.accel());
         self.stale = selective::Stale::everything();
-        self.tally = TraceTally::default();
+        (0..self.paths.sources.len() as u32).for_each(|source| self.guide(source));
+        self.taken_over = self.paths.path_count() - self.pending_count();
     }
 
     fn surfaces_of(&self, accel: &Accel) -> Arc<Surfaces> {
@@ -197,12 +203,7 @@ impl PhotonTracing {
 
     /// Traces some of what is pending.
     fn trace_some(&mut self, world: &World) -> Counts {
-        let Some(pending) = &mut self.pending else { return Counts::default() };
-        let some: Vec<(BlockName, u64)> =
-            pending.iter().take(STEP_BLOCKS).map(|(name, paths)| (*name, *paths)).collect();
-        for (name, _) in &some {
-            pending.remove(name);
-        }
+        let some = self.take_pending(STEP_BLOCKS);
         let tracer = PhotonTracer { world, bounces_max: self.settings.bounces_max };
         let paths = &self.paths;
         let traced: Vec<(BlockName, Block, TraceTally)> = some
@@ -212,15 +213,17 @@ impl PhotonTracing {
                 (name, block, tally)
             })
             .collect();
-        let mut rays = 0;
+        let (mut rays, mut piloted) = (0, Vec::new());
         for (name, block, tally) in traced {
             let before = std::mem::replace(self.paths.block_mut(name), block);
             self.stale.note(&before, self.paths.block(name), &self.surfaces);
-            self.tally.flux +=
-                tally.flux.in_watts(f64::from(self.paths.sources[name.source as usize].flux_w()));
+            let tallies = &mut self.paths.sources[name.source as usize].tallies[name.stratum as usize];
+            tallies[usize::from(name.place > 0)] += tally.flux;
             rays += tally.rays;
+            piloted.extend((name.place == 0).then_some(name.source));
         }
-        self.tally.rays += rays;
+        piloted.dedup();
+        piloted.into_iter().for_each(|source| self.guide(source));
         Counts { rays, ..Counts::default() }
     }
 

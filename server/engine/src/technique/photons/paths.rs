@@ -6,7 +6,10 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::sequence::{STRATA, STRATIFIED_FROM, Sequence, name_key};
+use super::{
+    sequence::{STRATA, Sequence, name_key},
+    trace::FluxTally,
+};
 use crate::{
     accel::Hit,
     math::{Rgb, octahedral},
@@ -148,6 +151,14 @@ impl Block {
         &self.hits[first..end]
     }
 
+    /// Keeps its first paths.
+    fn shorten(&mut self, count: usize) {
+        if let Some(gone) = self.paths.get(count) {
+            self.hits.truncate(gone.first_hit as usize);
+            self.paths.truncate(count);
+        }
+    }
+
     /// Every stretch that its photons flew, from where and by how much; those that left the scene by one metre.
     pub(super) fn ways(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         (0..self.paths.len()).flat_map(|index| {
@@ -165,18 +176,18 @@ impl Block {
     }
 }
 
-/// Where a block stands.
+/// Where a block stands. In the order of tracing: the first block of every stratum says how many photons the others are to have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct BlockName {
     pub(super) source: u32,
-    pub(super) stratum: u32,
     /// Place among the blocks of the stratum.
     pub(super) place: u32,
+    pub(super) stratum: u32,
 }
 
 /// Strata of a light of so many photons.
 pub(super) fn strata_of(count: u32) -> u32 {
-    if count >= STRATIFIED_FROM { STRATA } else { 1 }
+    STRATA.iter().rev().find(|(_, from)| count >= *from).map_or(1, |(strata, _)| *strata)
 }
 
 /// All photons of one light.
@@ -184,8 +195,12 @@ pub(super) fn strata_of(count: u32) -> u32 {
 pub(super) struct SourcePhotons {
     pub(super) source: Source,
     pub(super) sequence: Sequence,
-    /// Photons emitted.
+    /// Photons emitted if no stratum is thinned out.
     pub(super) count: u32,
+    /// How often the photons of a stratum are halved, `[strata]`.
+    halvings: Vec<u32>,
+    /// Where the flux of what was traced went, of pilots and others, in shares of a photon's, `[strata]`.
+    pub(super) tallies: Vec<[FluxTally; 2]>,
     /// `[strata][blocks]`.
     pub(super) strata: Vec<Vec<Block>>,
 }
@@ -198,22 +213,61 @@ impl SourcePhotons {
             SourceName::Surface(node, primitive) => name_key(node.as_str(), 2 + u64::from(*primitive)),
             SourceName::Environment => name_key("", 1),
         };
-        let strata = strata_of(count);
+        let sequence = Sequence::new(seed, key, source.is_one_way());
+        let strata = strata_of(count) as usize;
+        let (halvings, tallies) = (vec![0; strata], vec![[FluxTally::default(); 2]; strata]);
         let mut photons =
-            SourcePhotons { source, sequence: Sequence::new(seed, key), count, strata: Vec::new() };
-        photons.strata = (0..strata)
-            .map(|stratum| vec![Block::default(); photons.count_in(stratum, strata).div_ceil(BLOCK) as usize])
-            .collect();
+            SourcePhotons { source, sequence, count, halvings, tallies, strata: vec![Vec::new(); strata] };
+        (0..strata).for_each(|stratum| photons.lay_out(stratum as u32));
         photons
     }
 
-    /// Flux of a photon of weight 1, W.
-    pub(super) fn flux_w(&self) -> f32 {
-        (self.source.power_w() / f64::from(self.count.max(1))) as f32
+    /// Flux of a photon of weight 1, W. Pilots carry as much as if none were thinned out, and the others of their stratum together
+    /// as much as they all would: a stratum whose pilots met little by chance would else count what they met for more than a
+    /// stratum whose pilots were lucky, and light would be lost.
+    pub(super) fn flux_w(&self, stratum: u32, is_pilot: bool) -> f32 {
+        let full_w = self.source.power_w() / f64::from(self.count.max(1));
+        let others = |count: u32| f64::from(count.saturating_sub(BLOCK).max(1));
+        let thinned = others(self.full_count_in(stratum)) / others(self.count_in(stratum));
+        (if is_pilot { full_w } else { full_w * thinned }) as f32
     }
 
-    fn count_in(&self, stratum: u32, strata: u32) -> u32 {
-        self.count.saturating_sub(stratum).div_ceil(strata)
+    /// Photons emitted.
+    pub(super) fn path_count(&self) -> u64 {
+        (0..self.strata.len() as u32).map(|stratum| u64::from(self.count_in(stratum))).sum()
+    }
+
+    /// Photons of a stratum that is not thinned out.
+    pub(super) fn full_count_in(&self, stratum: u32) -> u32 {
+        self.count.saturating_sub(stratum).div_ceil(self.strata.len() as u32)
+    }
+
+    /// The pilots, which tell how many others there are, and these.
+    fn count_in(&self, stratum: u32) -> u32 {
+        let full = self.full_count_in(stratum);
+        let pilots = full.min(BLOCK);
+        pilots + ((full - pilots) >> self.halvings[stratum as usize])
+    }
+
+    /// How often the photons of a stratum are halved.
+    pub(super) fn halvings(&self, stratum: u32) -> u32 {
+        self.halvings[stratum as usize]
+    }
+
+    /// Halves the photons of a stratum so many times: what is left are the first of them.
+    pub(super) fn thin_out(&mut self, stratum: u32, halvings: u32) {
+        self.halvings[stratum as usize] = halvings;
+        self.lay_out(stratum);
+    }
+
+    /// Makes room for the photons of a stratum; those that are known stay.
+    fn lay_out(&mut self, stratum: u32) {
+        let count = self.count_in(stratum);
+        let blocks = &mut self.strata[stratum as usize];
+        blocks.resize_with(count.div_ceil(BLOCK) as usize, Block::default);
+        if let (Some(last), rest @ 1..) = (blocks.last_mut(), count % BLOCK) {
+            last.shorten(rest as usize);
+        }
     }
 
     /// The paths of fewer photons of the same light, sent out with the same seed.
@@ -244,7 +298,7 @@ impl SourcePhotons {
     pub(super) fn numbers(&self, name: BlockName) -> impl Iterator<Item = u32> + use<> {
         let strata = self.strata.len() as u32;
         let first = name.place * BLOCK;
-        let end = (first + BLOCK).min(self.count_in(name.stratum, strata));
+        let end = (first + BLOCK).min(self.count_in(name.stratum));
         (first..end).map(move |rank| rank * strata + name.stratum)
     }
 }
@@ -282,6 +336,11 @@ impl PhotonPaths {
 
     /// Photons emitted.
     pub fn path_count(&self) -> u64 {
+        self.sources.iter().map(SourcePhotons::path_count).sum()
+    }
+
+    /// Photons that would have been emitted if no light were [thinned out](super::PhotonTracing).
+    pub fn full_count(&self) -> u64 {
         self.sources.iter().map(|photons| u64::from(photons.count)).sum()
     }
 
@@ -295,11 +354,14 @@ impl PhotonPaths {
         self.each_block().map(|(_, block)| block.bytes() + size_of::<Block>()).sum()
     }
 
-    /// Every block with its light, in order.
-    pub(super) fn each_block(&self) -> impl Iterator<Item = (&SourcePhotons, &Block)> {
-        self.sources
-            .iter()
-            .flat_map(|photons| photons.strata.iter().flatten().map(move |block| (photons, block)))
+    /// Every block with the flux of a photon of weight 1, W, in order.
+    pub(super) fn each_block(&self) -> impl Iterator<Item = (f32, &Block)> {
+        self.sources.iter().flat_map(|photons| {
+            (0..).zip(&photons.strata).flat_map(move |(stratum, blocks)| {
+                let of_place = move |place| photons.flux_w(stratum, place == 0);
+                (0..).zip(blocks).map(move |(place, block)| (of_place(place), block))
+            })
+        })
     }
 
     /// Every stretch that photons flew, from where and by how much, in order; those that left the scene by one metre.
@@ -309,14 +371,13 @@ impl PhotonPaths {
 
     /// Every hit that maps hold, in order.
     pub(super) fn mapped(&self) -> Vec<(PathClass, TriangleSide, FallenPhoton)> {
-        let blocks: Vec<(&SourcePhotons, &Block)> = self.each_block().collect();
+        let blocks: Vec<(f32, &Block)> = self.each_block().collect();
         blocks
             .par_iter()
-            .flat_map_iter(|(photons, block)| {
-                let flux_w = photons.flux_w();
+            .flat_map_iter(|(flux_w, block)| {
                 let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
                 block.hits.iter().filter(is_mapped).filter_map(move |hit| {
-                    let (position, flux, direction) = (hit.position, hit.weight * flux_w, hit.direction);
+                    let (position, flux, direction) = (hit.position, hit.weight * *flux_w, hit.direction);
                     Some((hit.class(), hit.side()?, FallenPhoton { position, flux, direction }))
                 })
             })
@@ -325,9 +386,7 @@ impl PhotonPaths {
 
     /// Every hit with its flux, W, in order.
     pub fn hits(&self) -> impl Iterator<Item = (&PhotonHit, Rgb)> {
-        self.each_block().flat_map(|(photons, block)| {
-            let flux_w = photons.flux_w();
-            block.hits.iter().map(move |hit| (hit, hit.weight * flux_w))
-        })
+        self.each_block()
+            .flat_map(|(flux_w, block)| block.hits.iter().map(move |hit| (hit, hit.weight * flux_w)))
     }
 }

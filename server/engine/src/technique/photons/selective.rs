@@ -188,7 +188,7 @@ impl PhotonTracing {
                 .remove(source.name())
                 .filter(|(_, before)| before.source.emits_like(&source) && before.count == count);
             match kept {
-                Some((old_index, before)) => {
+                Some((old_index, mut kept)) => {
                     kept_all &= last_kept.replace(old_index) < Some(old_index);
                     let first = BlockName { source: old_index, stratum: 0, place: 0 };
                     let next = BlockName { source: old_index + 1, ..first };
@@ -197,12 +197,13 @@ impl PhotonTracing {
                             .range(first..next)
                             .map(|(name, paths)| (BlockName { source: index, ..*name }, *paths)),
                     );
-                    self.paths.sources.push(SourcePhotons { source, ..before });
+                    kept.source = source;
+                    self.paths.sources.push(kept);
                 }
                 None => {
                     let fresh = SourcePhotons::new(source, self.settings.seed, count);
                     kept_all = false;
-                    counts.traced += u64::from(fresh.count);
+                    counts.traced += fresh.path_count();
                     for (stratum, blocks) in (0..).zip(&fresh.strata) {
                         let places = 0..blocks.len() as u32;
                         pending.extend(

@@ -3,15 +3,15 @@
 //! Halton's bases make strata by residue [Larsen2004, 6.2, 9.1]: photons whose numbers are equal modulo 2ᵃ · 3ᵇ start
 //! into one of 2ᵃ × 3ᵇ cells of directions. A shift of every digit keeps that, and makes lights and seeds independent.
 
+use super::paths::BLOCK;
 use crate::{
     math::sobol::{mix, point},
     transport::EmissionNumbers,
 };
 
-/// Cells of the directions of a light: 2³ × 3².
-pub(super) const STRATA: u32 = 72;
-/// Photons of a light below which it is one stratum: cells would hold less than a block.
-pub(super) const STRATIFIED_FROM: u32 = 4608;
+/// Cells of the directions of a light, 2³ × 3² or 2⁵ × 3³, and the number of its photons from which on it has as many: cells
+/// hold a block of photons, or two.
+pub(super) const STRATA: [(u32, u32); 2] = [(72, 72 * BLOCK), (864, 2 * 864 * BLOCK)];
 
 /// Digits that fill single precision.
 const DIGITS: [(u32, usize); 4] = [(2, 24), (3, 15), (5, 10), (7, 9)];
@@ -22,6 +22,8 @@ const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 pub(super) struct Sequence {
     key: u64,
     bases: [Base; 4],
+    /// All of the light goes one way: cells are those of where it starts.
+    is_one_way: bool,
 }
 
 /// A shifted radical inverse.
@@ -80,22 +82,21 @@ impl Base {
 
 impl Sequence {
     /// Of the light that `name_key` names.
-    pub(super) fn new(seed: u64, name_key: u64) -> Sequence {
+    pub(super) fn new(seed: u64, name_key: u64, is_one_way: bool) -> Sequence {
         let key = mix(mix(seed.wrapping_add(GOLDEN)) ^ name_key);
         let bases = [0, 1, 2, 3].map(|i| {
             Base::new(DIGITS[i].0, DIGITS[i].1, key.wrapping_add(GOLDEN.wrapping_mul(i as u64 + 1)))
         });
-        Sequence { key, bases }
+        Sequence { key, bases, is_one_way }
     }
 
     /// Where photon `number` starts.
     pub(super) fn emission(&self, number: u32) -> EmissionNumbers {
         let [side, ..] = self.four(0, number);
-        EmissionNumbers {
-            direction: [self.bases[0].number(number), self.bases[1].number(number)],
-            position: [self.bases[2].number(number), self.bases[3].number(number)],
-            side,
-        }
+        let [first, second] =
+            [[0, 1], [2, 3]].map(|pair| pair.map(|base: usize| self.bases[base].number(number)));
+        let (direction, position) = if self.is_one_way { (second, first) } else { (first, second) };
+        EmissionNumbers { direction, position, side }
     }
 
     /// Numbers of photon `number` at its scattering `bounce` ≥ 1.
@@ -119,22 +120,26 @@ mod tests {
     /// Photons of one residue start into one cell of directions, and every cell gets its share.
     #[test]
     fn residues_are_cells_of_directions() {
-        for seed in 0..20 {
-            let sequence = Sequence::new(seed, 7);
-            let cell = |number: u32| {
-                let [u, v] = sequence.emission(number).direction;
-                (u * 8.0) as u32 * 9 + (v * 9.0) as u32
-            };
-            let mut seen = vec![false; STRATA as usize];
-            for residue in 0..STRATA {
-                let first = cell(residue);
-                assert!(!std::mem::replace(&mut seen[first as usize], true), "two residues in cell {first}");
-                for rank in 1..200 {
-                    assert_eq!(
-                        cell(residue + rank * STRATA),
-                        first,
-                        "seed {seed} residue {residue} rank {rank}"
-                    );
+        for ((strata, _), [rows, columns]) in STRATA.into_iter().zip([[8.0, 9.0], [32.0, 27.0]]) {
+            assert_eq!(rows * columns, strata as f32);
+            for seed in 0..20 {
+                // Of a light that goes one way cells of where it starts.
+                let is_one_way = seed % 2 == 1;
+                let sequence = Sequence::new(seed, 7, is_one_way);
+                let cell = |number: u32| {
+                    let numbers = sequence.emission(number);
+                    let [u, v] = if is_one_way { numbers.position } else { numbers.direction };
+                    ((u * rows).floor() * columns + (v * columns).floor()) as u32
+                };
+                let mut seen = vec![false; strata as usize];
+                for residue in 0..strata {
+                    let first = cell(residue);
+                    let is_known = std::mem::replace(&mut seen[first as usize], true);
+                    assert!(!is_known, "two residues in cell {first}");
+                    for rank in 1..200 {
+                        let cell = cell(residue + rank * strata);
+                        assert_eq!(cell, first, "seed {seed} residue {residue} rank {rank}");
+                    }
                 }
             }
         }
@@ -143,7 +148,7 @@ mod tests {
     /// Every coordinate of the first bᵐ photons falls once into each of bᵐ intervals.
     #[test]
     fn coordinates_are_stratified() {
-        let sequence = Sequence::new(3, 9);
+        let sequence = Sequence::new(3, 9, false);
         for (dimension, (base, count)) in
             [(2u32, 256u32), (3, 243), (5, 125), (7, 343)].into_iter().enumerate()
         {

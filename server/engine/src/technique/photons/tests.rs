@@ -133,7 +133,8 @@ fn lights_send_their_flux() {
         ("lamp", lamp, luminance * PI * 4.0 * 0.199_825),
     ];
     for (name, scene, expected) in cases {
-        let tracing = traced(scene, emitting(100_000));
+        // Nothing that a black square shows ends up in maps: an eighth of them is sent.
+        let tracing = traced(scene, emitting(800_000));
         let on_square =
             |instance: u32| tracing.paths().hits().filter(move |(hit, _)| hit.instance() == Some(instance));
         let got: f64 = on_square(0).map(|(_, flux)| f64::from(flux.luminance())).sum();
@@ -194,13 +195,83 @@ fn photons_carry_nearly_the_same_flux() {
     assert!(all[0] < 1e-4 * median);
 }
 
+/// A wide roof in the sun with a pit of 6 m in its middle.
+fn courtyard() -> Scene {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+    let v = DVec3::new;
+    let (near, far, deep) = (3.0, 20.0, -6.0);
+    let roof = |x0, x1, z0, z1| [v(x0, 0., z1), v(x1, 0., z1), v(x1, 0., z0), v(x0, 0., z0)];
+    let roofs = [
+        roof(-far, -near, -far, far),
+        roof(near, far, -far, far),
+        roof(-near, near, -far, -near),
+        roof(-near, near, near, far),
+    ];
+    for (index, corners) in roofs.into_iter().enumerate() {
+        let name = format!("roof {index}");
+        stage.place(&name, samples::quad(corners, &white), DAffine3::IDENTITY).unwrap();
+    }
+    let floor = [v(-near, deep, near), v(near, deep, near), v(near, deep, -near), v(-near, deep, -near)];
+    stage.place("floor", samples::quad(floor, &white), DAffine3::IDENTITY).unwrap();
+    let corners = [(-near, -near), (near, -near), (near, near), (-near, near)];
+    for (index, (x0, z0)) in corners.into_iter().enumerate() {
+        let (x1, z1) = corners[(index + 1) % 4];
+        let wall = [v(x0, deep, z0), v(x1, deep, z1), v(x1, 0., z1), v(x0, 0., z0)];
+        let name = format!("wall {index}");
+        stage.place(&name, samples::quad(wall, &white), DAffine3::IDENTITY).unwrap();
+    }
+    punctual(LightKind::Directional { irradiance: Rgb::splat(2.0) })(&mut stage);
+    stage.finish()
+}
+
+/// What falls on the roof tells nothing that maps hold, and gets few photons; what is stored is still the flux there is.
+#[test]
+fn what_tells_little_gets_few_photons() {
+    let sum = |tracing: &PhotonTracing, class| {
+        let hits = tracing.paths().hits().filter(move |(hit, _)| hit.class() == class);
+        hits.fold((0.0, 0.0), |(flux, count), (_, w)| (flux + f64::from(w.luminance()), count + 1.0))
+    };
+    // So few photons that a light is one stratum, which is not thinned out: sixty times others.
+    let plain: Vec<PhotonTracing> = (0..60)
+        .map(|seed| traced(courtyard(), PhotonSettings { seed, ..emitting(4_500) }))
+        .inspect(|tracing| assert_eq!(tracing.paths().path_count(), tracing.paths().full_count()))
+        .collect();
+    let plain_paths: f64 = plain.iter().map(|tracing| tracing.paths().path_count() as f64).sum();
+    // Of the second size of strata and of the first.
+    for emitted_count in [300_000, 60_000] {
+        let tracing = traced(courtyard(), emitting(emitted_count));
+        let paths = tracing.paths().path_count() as f64;
+        let full = tracing.paths().full_count() as f64;
+        assert!(paths < 0.6 * full, "{paths} of {full} photons");
+        let flux = tracing.flux();
+        let power: f64 = World::prepare(Arc::new(courtyard())).sources().iter().map(|s| s.power_w()).sum();
+        assert!((flux.emitted / power - 1.0).abs() < 1e-5, "{} W of {power} W", flux.emitted);
+        let ended = flux.absorbed + flux.absorbed_on_the_way + flux.escaped + flux.cut_off;
+        assert!((ended / flux.emitted - 1.0).abs() < 1e-6, "{flux:?}");
+        // Of some 6,000 photons that fall into the pit and bring about two hits each, four standard deviations.
+        for (class, tolerance) in [(PathClass::Direct, 0.02), (PathClass::Indirect, 0.1)] {
+            let flux = sum(&tracing, class).0;
+            let expected = plain.iter().map(|tracing| sum(tracing, class).0).sum::<f64>() / 60.0;
+            assert!((flux / expected - 1.0).abs() < tolerance, "{class:?}: {flux} W for {expected} W");
+        }
+        let found = sum(&tracing, PathClass::Indirect).1 / paths;
+        let found_plain: f64 = plain.iter().map(|tracing| sum(tracing, PathClass::Indirect).1).sum();
+        let gain = found / (found_plain / plain_paths);
+        assert!(gain > 1.5, "{gain} times as many of them tell something");
+    }
+}
+
 /// Photons added to those that are there are those of a fresh trace, path for path, and only what is new is traced.
 #[test]
 fn more_photons_are_those_of_a_fresh_trace() {
     let never = AtomicBool::new(false);
     // Below and above the number from which a light has strata, and across it.
-    for [fewer, more] in [[1000, 3000], [6000, 30_000], [5000, 5001], [1000, 30_000], [30_000, 6000]] {
-        let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
+    let in_a_box = [[1000, 3000], [6000, 30_000], [5000, 5001], [1000, 30_000], [30_000, 6000]];
+    let in_a_box = in_a_box.into_iter().map(|counts| (samples::cornell_box().unwrap(), counts));
+    // Where some strata are thinned out, by how much depends on how many photons there are.
+    for (scene, [fewer, more]) in in_a_box.chain([(courtyard(), [20_000, 60_000])]) {
+        let world = World::prepare(Arc::new(scene));
         let rays_of = |tracing: &mut PhotonTracing| {
             let (mut products, mut rays) = (Products::default(), 0);
             while !tracing.is_complete() {
@@ -225,9 +296,11 @@ fn more_photons_are_those_of_a_fresh_trace() {
         assert_eq!(added.product().maps.photon_count(class), fresh.product().maps.photon_count(class));
         let is_kept = fewer < more && (fewer < 4608) == (more < 4608);
         assert_eq!(added.taken_over_count(), if is_kept { known_count } else { 0 });
-        let expected = if is_kept { 1.0 - f64::from(fewer) / f64::from(more) } else { 1.0 };
+        let known_share = known_count as f64 / added.paths().path_count() as f64;
+        let expected = if is_kept { 1.0 - known_share } else { 1.0 };
+        // Paths that were known may be longer or shorter than others where strata are thinned out.
         assert!(
-            (share - expected).abs() < 0.1 * expected + 0.02,
+            (share - expected).abs() < 0.15 * expected + 0.02,
             "{fewer} and {more}: {share} for {expected}"
         );
     }

@@ -165,8 +165,7 @@ const SURVIVAL_MAX: f32 = 0.99;
 /// Draws where the photon goes on; false when it is absorbed.
 fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
     let flight = &journey.flight;
-    let wo_local = surface.frame.to_local(-flight.ray.direction);
-    let Some(drawn) = surface.bsdf.sample(wo_local, [*lobe, *u, *v]) else { return false };
+    let Some(drawn) = flight.draw(surface, [*lobe, *u, *v]) else { return false };
     let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
     // Roulette by how much luminance is left: power stays nearly the same, but where next to nothing is lost.
     let survives = (next.weight.luminance() / flight.weight.luminance()).min(SURVIVAL_MAX);

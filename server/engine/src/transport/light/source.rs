@@ -109,6 +109,11 @@ impl Source {
         matches!(self.kind, Point { .. } | Spot { .. } | Directional { .. })
     }
 
+    /// All that it sends out goes one way: photons differ by where they start alone.
+    pub fn is_one_way(&self) -> bool {
+        matches!(self.kind, SourceKind::Directional { .. })
+    }
+
     /// True when both send out the very same photons for the same numbers.
     pub fn emits_like(&self, other: &Source) -> bool {
         use SourceKind::*;
