@@ -11,12 +11,12 @@ use crate::math::{
 /// Error of the picture shown, estimated without knowing the truth.
 ///
 /// The squared error e² of each pixel is estimated without bias, for noise from two independent halves of a film
-/// (`Pixel::squared_error_of_mean`), for all error from two independent estimates of the truth ([`GaugedPixel`]), and
+/// (`Pixel::squared_error_of_mean`), for all error from two independent estimates of the truth ([`super::GaugedPixel`]), and
 /// weighted as in the contract: relMSE ≈ mean over pixels and channels of e² / (m² + 0.01·m̄²), with m in the
 /// place of the unknown reference.
 ///
-/// m is the mean displayed value of the 5 × 5 pixels around, without the pixel itself. Its own value will not do:
-/// it is large whenever its error is, so that at 16 samples the picture of a glass sphere with a true error of
+/// m is the mean displayed value of the 5 × 5 pixels around, without the pixel itself; where the truth is known of some pixels
+/// it is corrected by that (`weights.rs`). The pixel's own value will not do: it is large whenever its error is, so that at 16 samples the picture of a glass sphere with a true error of
 /// 92 % read 17 % (64 samples: 47 % read 15 %); with its neighbours 98 % and 47 %. What remains is the
 /// picture's own detail, which neighbours blur: on six scenes at 16 and 64 samples the figure was between 5 % of
 /// itself too small and 8 % too large.
@@ -28,20 +28,6 @@ pub struct MeasuredError {
     pub interval_95: [f64; 2],
     /// `rel_mse` without the worst 0.1 % of pixels; `None` where too few pixels were looked at to say.
     pub trimmed: Option<f64>,
-}
-
-/// What path tracing says of one pixel, twice and independently of the picture and of each other: with d the value shown and
-/// x₁, x₂ the two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GaugedPixel {
-    /// Place in the picture, row by row.
-    pub index: usize,
-    /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
-    pub weight: f64,
-    /// x₁ and x₂, W/(m² sr).
-    pub halves: [[f64; 3]; 2],
-    /// Variance of their mean, (W/(m² sr))², as far as its samples tell.
-    pub variance: [f64; 3],
 }
 
 impl MeasuredError {
@@ -120,9 +106,11 @@ pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
 /// Errors are skewed to the right: mean and deviation are taken for those of a lognormal distribution. The mean of estimates
 /// that need not be positive may also be next to nothing, or less, by chance. What is then known is that the error is not
 /// negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
-pub(super) fn of_pixels(errors: &[f64]) -> MeasuredError {
+///
+/// - `doubt`: standard deviation of their mean beside that of the spread over the pixels
+pub(super) fn of_pixels(errors: &[f64], doubt: f64) -> MeasuredError {
     let (mean, standard_error) = mean_and_standard_error(errors);
-    let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean);
+    let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean).hypot(doubt);
     if deviation <= 0.0 {
         return MeasuredError { rel_mse: mean.max(0.0), interval_95: [mean.max(0.0); 2], trimmed: None };
     }
@@ -142,85 +130,8 @@ pub(super) fn of_pixels(errors: &[f64]) -> MeasuredError {
     MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
 }
 
-/// Relative squared errors of some pixels, estimated, with their weights.
-struct AtPixels {
-    errors: Vec<f64>,
-    /// Variance of each by what path tracing does not know of its pixel.
-    noises: Vec<f64>,
-}
-
-impl AtPixels {
-    /// `None` below two pixels and for pictures that are black all over.
-    fn of(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<AtPixels> {
-        let sum =
-            |total: f64, colour: &Rgb| total + colour.to_array().into_iter().map(f64::from).sum::<f64>();
-        let mean = image.iter().fold(0.0, sum) / (3 * image.len()) as f64;
-        if mean <= 0.0 || pixels.len() < 2 {
-            return None;
-        }
-        let floor = 0.01 * mean * mean;
-        let typical: [f64; 3] = std::array::from_fn(|c| {
-            let relative = |pixel: &GaugedPixel| pixel.variance[c] / (pixel.mean(c).powi(2) + floor);
-            pixels.iter().map(relative).sum::<f64>() / pixels.len() as f64
-        });
-        let of_pixel = |pixel: &GaugedPixel| {
-            let shown = image[pixel.index].to_array().map(f64::from);
-            let [a, b] = &pixel.halves;
-            let squared: [f64; 3] = std::array::from_fn(|c| (shown[c] - a[c]) * (shown[c] - b[c]));
-            // Of a product of two numbers with the mean e and twice the variance v of their mean: 2 e² · 2v + (2v)².
-            let noise: [f64; 3] = std::array::from_fn(|c| {
-                let v = pixel.variance[c];
-                (4.0 * v * (squared[c].max(0.0) + v)).sqrt()
-            });
-            let around = mean_around(image, size, pixel.index);
-            let truth = std::array::from_fn(|c| pixel.brightness(around[c], c, typical[c]));
-            let of = |squares| pixel.weight * relative(squares, truth, mean);
-            (of(squared), of(noise).powi(2))
-        };
-        let (errors, noises) = pixels.iter().map(of_pixel).unzip();
-        Some(AtPixels { errors, noises })
-    }
-}
-
-/// The error of `image` (`[h × w]`, W/(m² sr)), bias included, by what is known of the truth at some of its pixels; `None`
-/// below two of them and for pictures that are black all over.
-pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<MeasuredError> {
-    Some(of_pixels(&AtPixels::of(image, size, pixels)?.errors))
-}
-
-/// Whether more pixels would make such a measure surer than more samples for these: their errors differ by more than by what is
-/// not known of each.
-pub fn wants_more_pixels(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> bool {
-    let Some(AtPixels { errors, noises }) = AtPixels::of(image, size, pixels) else { return false };
-    let count = errors.len() as f64;
-    let mean = errors.iter().sum::<f64>() / count;
-    let spread = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>();
-    spread > 2.0 * noises.iter().sum::<f64>()
-}
-
-impl GaugedPixel {
-    /// Mean of all of its samples in channel `c`.
-    fn mean(&self, c: usize) -> f64 {
-        0.5 * (self.halves[0][c] + self.halves[1][c])
-    }
-
-    /// What stands for the truth where an error is weighed by it: what the picture shows around the pixel, and, as far as that is
-    /// surely wrong, what was found in its place. A room that is drawn ten times too bright would else be measured by its own
-    /// brightness: 14 % were shown for 74. Where the two agree within chance nothing that was found counts: its noise would
-    /// weigh itself.
-    ///
-    /// - `around`: the picture's mean around the pixel, in channel `c`
-    /// - `typical`: relative variance of other pixels' means: few samples of one pixel may have found no light at all, and agree
-    ///   on that
-    fn brightness(&self, around: f64, c: usize, typical: f64) -> f64 {
-        let off = self.mean(c) - around;
-        let chance = SURELY * SURELY * self.variance[c].max(typical * around * around);
-        if off * off > chance { around + off * (1.0 - chance / (off * off)) } else { around }
-    }
-}
-
 /// The mean that [`neighbourhood_mean`] has for one pixel.
-fn mean_around(image: &[Rgb], size: PictureSize, index: usize) -> [f64; 3] {
+pub(super) fn mean_around(image: &[Rgb], size: PictureSize, index: usize) -> [f64; 3] {
     let (width, height) = (size.width() as usize, size.height() as usize);
     let (x, y) = (index % width, index / width);
     let places = span(y, height).flat_map(|y| span(x, width).map(move |x| y * width + x));
@@ -247,8 +158,6 @@ fn added(sum: [f64; 3], value: &[f64; 3]) -> [f64; 3] {
 const WEIGHT_DEVIATION: f64 = 0.07;
 /// A mean so many times its deviation above zero is not there by chance alone.
 const RESOLVED: f64 = 1.25;
-/// What differs by so many times its standard deviation does not by chance.
-const SURELY: f64 = 3.0;
 /// 97.5 % quantile of the normal distribution.
 const Z: f64 = 1.959_964;
 /// Pixels to either side that count as neighbours. With 1 the weights are still noisy (the glass sphere at 16 samples

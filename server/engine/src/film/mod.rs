@@ -2,24 +2,28 @@
 //!
 //! A film is a row of [`Tile`]s that techniques fill in parallel, one pass (one sample per pixel) at a time.
 //! Out of it come the picture, its layers by path class, the first hit's albedo, normal and depth, the
-//! variance per pixel and the measured error. `picture.rs` blends a film of looked-up light with one that is path-traced,
+//! variance per pixel and the measured error: of its noise in `measured.rs`, bias included in `gauged.rs`, relative to what
+//! `weights.rs` says of the truth. `picture.rs` blends a film of looked-up light with one that is path-traced,
 //! `error.rs` is the metric of the contract against a reference, `tone_map.rs` turns radiance into what a screen shows.
 //! Imports `math`, `scene` and `transport` only. The tiling and the separation of sums from display follow
 //! pbrt's film; the two independent halves are those of [Rousselle2012].
 
 mod error;
+mod gauged;
 mod measured;
 mod picture;
 mod pixel;
 mod tile;
 mod tone_map;
+mod weights;
 
 use crate::math::Rgb;
 use crate::transport::PathClass;
 use glam::Vec3;
 
 pub use error::{CompareError, ImageError, compare};
-pub use measured::{BLACK_PASSES, GaugedPixel, MeasuredError, measure_at, wants_more_pixels};
+pub use gauged::{GAUGED_PARTS, GaugedPixel, measure_at, wants_more_pixels};
+pub use measured::{BLACK_PASSES, MeasuredError};
 pub use picture::Picture;
 pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};

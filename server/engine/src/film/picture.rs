@@ -173,13 +173,13 @@ impl<'a> Blend<'a> {
         // The film's own.
         let mut errors: Vec<f64> =
             differences.iter().zip(&noises).map(|(both, noise)| both - noise).collect();
-        let measured_film = Some(of_pixels(&errors));
+        let measured_film = Some(of_pixels(&errors, 0.0));
         weights.for_all(size, &mut errors, |index, weight, error| {
             *error = (1.0 - weight).powi(2) * *error + weight.powi(2) * noises[index];
         });
         // What it has not met yet its noise does not know of.
         let is_believed = traced.passes_min() >= PASSES_BELIEVED;
-        let measured = is_believed.then(|| of_pixels(&errors));
+        let measured = is_believed.then(|| of_pixels(&errors, 0.0));
         Some(Blend { traced, weights, measured, measured_film: measured_film.filter(|_| is_believed) })
     }
 }
@@ -268,7 +268,7 @@ fn between(pixel: usize, count: usize) -> (usize, usize, f64) {
 mod tests {
     use super::*;
     use crate::{
-        film::{GaugedPixel, PixelSample, measure_at},
+        film::{GAUGED_PARTS, GaugedPixel, PixelSample, measure_at},
         math::{RunningStatistics, sobol::PixelSampler},
     };
 
@@ -363,18 +363,19 @@ mod tests {
         let mut measured = RunningStatistics::default();
         let image = vec![Rgb::splat(1.1); size.pixel_count()];
         let estimate = |seed: u64, pixel: u32| {
-            let [u, ..] = PixelSampler::new(seed, 0, pixel, 7).four(0);
-            f64::from(0.5 + u)
+            PixelSampler::new(seed, 0, pixel, 7).four(0).map(|u| [0.25 * f64::from(2.0 * u); 3])
         };
         let mut held = 0;
         for round in 0..200u64 {
-            let pixels: Vec<GaugedPixel> = (0..256)
+            // As many as make the cut at zero rare, which lifts the mean.
+            let pixels: Vec<GaugedPixel> = (0..1024)
                 .map(|pixel| GaugedPixel {
-                    // Of the mean of two numbers from ½ to 1½.
+                    // Of the mean of eight numbers from 0 to 2.
                     variance: [1.0 / 24.0; 3],
-                    index: 7 * pixel as usize,
+                    index: 3 * pixel as usize,
                     weight: if pixel % 2 == 0 { 0.5 } else { 1.5 },
-                    halves: [2 * round, 2 * round + 1].map(|seed| [estimate(seed, pixel); 3]),
+                    parts: [2 * round, 2 * round + 1].map(|seed| estimate(seed, pixel)),
+                    shares: [0.25; GAUGED_PARTS],
                 })
                 .collect();
             let error = measure_at(&image, size, &pixels).unwrap();
@@ -383,8 +384,8 @@ mod tests {
             assert!(error.rel_mse >= 0.0 && error.trimmed.is_none());
             measured.add(error.rel_mse);
         }
-        // 0.1² over the shown value's square and 1 % of it.
-        const TRUTH: f64 = 0.01 / (1.21 * 1.01);
+        // 0.1² over the square of the truth, one, and 1 % of it.
+        const TRUTH: f64 = 0.01 / 1.01;
         assert!((measured.mean() - TRUTH).abs() < 4.0 * measured.standard_error() + 0.03 * TRUTH);
         // 95 % of 200, less three deviations of a binomial.
         assert!(held >= 180, "{held}");
@@ -402,16 +403,18 @@ mod tests {
         for round in 0..100u64 {
             let of = |index: usize| {
                 let half = |seed: u64| {
-                    let [u, ..] = PixelSampler::new(seed, 0, index as u32, 7).four(0);
-                    [truth(index) * f64::from(0.9 + 0.2 * u); 3]
+                    let numbers = PixelSampler::new(seed, 0, index as u32, 7).four(0);
+                    numbers.map(|u| [0.25 * truth(index) * f64::from(0.8 + 0.4 * u); 3])
                 };
                 let variance = [truth(index).powi(2) * 0.04 / 24.0; 3];
-                GaugedPixel { index, weight: 1.0, halves: [half(2 * round), half(2 * round + 1)], variance }
+                let parts = [half(2 * round), half(2 * round + 1)];
+                GaugedPixel { index, weight: 1.0, parts, shares: [0.25; GAUGED_PARTS], variance }
             };
             let pixels: Vec<GaugedPixel> = (0..256).map(|at| of((at * 12) % size.pixel_count())).collect();
             measured.add(measure_at(&image, size, &pixels).unwrap().rel_mse);
         }
-        let expected = 0.5 * 0.95f64.powi(2) / (0.05f64.powi(2) + 0.01);
+        let mean = 0.5 * (1.0 + 0.05);
+        let expected = 0.5 * 0.95f64.powi(2) / (0.05f64.powi(2) + 0.01 * mean * mean);
         assert!((measured.mean() / expected - 1.0).abs() < 0.1, "{} for {expected}", measured.mean());
     }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{Counts, FocusedLight, PathSettings, Tracer, View, cpu::primary_ray};
 use crate::{
-    film::{GaugedPixel, PictureSize, PixelSample},
+    film::{GAUGED_PARTS, GaugedPixel, PictureSize, PixelSample},
     math::sobol::{self, PixelSampler},
     transport::World,
 };
@@ -18,6 +18,8 @@ use crate::{
 const SET_PIXELS: u32 = 64;
 /// Samples that one step adds to either half of each pixel of a set.
 const STEP_SAMPLES: u32 = 8;
+/// Samples that go to one part of a half before the next has its turn: a run of a power of two is spread evenly.
+const RUN_SAMPLES: u32 = 4;
 /// Sets of a gauge at most: 16,384 pixels.
 const SETS_MAX: usize = 256;
 /// A set counts beside the first once it has this share of its samples.
@@ -58,8 +60,8 @@ struct Point {
     y: u32,
     /// Pixels that it stands for, over those that each would stand for if all stood for as many.
     weight: f64,
-    /// Σ of the samples of either half.
-    halves: [[f64; 3]; 2],
+    /// Σ of the samples of either half, by parts.
+    parts: [[[f64; 3]; GAUGED_PARTS]; 2],
     /// Σ (a − b)² / 2 over pairs of samples, one of either half: each expects the variance of a sample.
     spread: [f64; 3],
 }
@@ -141,7 +143,8 @@ impl Gauge {
 
     /// No sample of any pixel brought light.
     pub fn is_black(&self) -> bool {
-        let is_black = |point: &Point| point.halves.as_flattened().iter().all(|sum| *sum == 0.0);
+        let is_black =
+            |point: &Point| point.parts.as_flattened().as_flattened().iter().all(|sum| *sum == 0.0);
         self.sets.iter().flat_map(|set| &set.points).all(is_black)
     }
 
@@ -155,10 +158,14 @@ impl Gauge {
         let width = self.size.width();
         let of_set = |set: &Set| {
             let count = f64::from(set.samples);
+            let shares = std::array::from_fn(|part| {
+                (0..set.samples).filter(|number| part_of(*number) == part).count() as f64 / count
+            });
             let of_point = move |point: &Point| GaugedPixel {
                 index: (point.y * width + point.x) as usize,
                 weight: point.weight,
-                halves: point.halves.map(|half| half.map(|sum| sum / count)),
+                parts: point.parts.map(|half| half.map(|part| part.map(|sum| sum / count))),
+                shares,
                 variance: point.spread.map(|sum| sum / count / (2.0 * count)),
             };
             set.points.iter().map(of_point).collect::<Vec<_>>()
@@ -171,7 +178,8 @@ impl Gauge {
         let points =
             || self.sets.iter().flat_map(|set| set.points.iter().map(move |point| (set.samples, point)));
         let mean_of = |(samples, point): (u32, &Point)| -> [f64; 3] {
-            std::array::from_fn(|c| (point.halves[0][c] + point.halves[1][c]) / (2.0 * f64::from(samples)))
+            let sum = |c: usize| point.parts.as_flattened().iter().map(|part| part[c]).sum::<f64>();
+            std::array::from_fn(|c| sum(c) / (2.0 * f64::from(samples)))
         };
         let weights = points().map(|(_, point)| point.weight).sum::<f64>();
         let sum = points().map(|of| of.1.weight * mean_of(of).iter().sum::<f64>()).sum::<f64>();
@@ -188,6 +196,11 @@ impl Gauge {
         let variance = points().map(of_point).sum::<f64>() / weights;
         Some(SampleCost { rays: self.rays as f64 / self.samples.max(1) as f64, variance })
     }
+}
+
+/// The part of its half that sample `number` belongs to.
+fn part_of(number: u32) -> usize {
+    (number / RUN_SAMPLES) as usize % GAUGED_PARTS
 }
 
 impl Set {
@@ -211,7 +224,13 @@ impl Set {
                 .collect();
             let (place, chance) = draw(&wanted, f64::from(u));
             let (x, y) = places[place];
-            Point { x, y, weight: 1.0 / (chance * even), halves: [[0.0; 3]; 2], spread: [0.0; 3] }
+            Point {
+                x,
+                y,
+                weight: 1.0 / (chance * even),
+                parts: [[[0.0; 3]; GAUGED_PARTS]; 2],
+                spread: [0.0; 3],
+            }
         });
         Set { points: points.collect(), samples: 0 }
     }
@@ -257,8 +276,9 @@ impl Point {
             sample.total().to_array().map(f64::from)
         };
         let [a, b]: [[f64; 3]; 2] = [0, 1].map(|half| sample(&tracers[half], sequences[half]));
-        for (half, sample) in self.halves.iter_mut().zip([a, b]) {
-            half.iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
+        let part = part_of(number);
+        for (half, sample) in self.parts.iter_mut().zip([a, b]) {
+            half[part].iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
         }
         let pairs = a.into_iter().zip(b);
         self.spread.iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += (a - b).powi(2) / 2.0);
@@ -307,7 +327,7 @@ mod tests {
         });
         let pixels = gauge.pixels();
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));
-        assert!(pixels.windows(2).all(|pair| pair[0].halves != pair[1].halves));
+        assert!(pixels.windows(2).all(|pair| pair[0].parts != pair[1].parts));
         assert!(gauge.cost().unwrap().variance > 0.0);
     }
 }

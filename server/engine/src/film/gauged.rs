@@ -1,0 +1,270 @@
+//! The error of a picture, measured at some pixels that are path-traced twice.
+
+use rayon::prelude::*;
+
+use super::{
+    MeasuredError, PictureSize,
+    measured::{mean_around, of_pixels},
+    weights::{Found, Weights},
+};
+use crate::math::Rgb;
+
+/// Parts of either half of a gauged pixel's samples: an error that is found with one is weighed by what the others found. With
+/// four, three quarters of the samples weigh each.
+pub const GAUGED_PARTS: usize = 4;
+
+/// What path tracing says of one pixel, twice and independently of the picture and of each other: with d the value shown and
+/// x₁, x₂ the two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaugedPixel {
+    /// Place in the picture, row by row.
+    pub index: usize,
+    /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
+    pub weight: f64,
+    /// x₁ and x₂, W/(m² sr), each as the sum of what the parts of its samples add to it.
+    pub parts: [[[f64; 3]; GAUGED_PARTS]; 2],
+    /// Share of each part in the samples of its half.
+    pub shares: [f64; GAUGED_PARTS],
+    /// Variance of the mean of x₁ and x₂, (W/(m² sr))², as far as its samples tell.
+    pub variance: [f64; 3],
+}
+
+/// What a picture shows at a gauged pixel, and in the mean around it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shown {
+    pub(super) at: [f64; 3],
+    pub(super) around: [f64; 3],
+}
+
+/// Relative squared errors of some pixels, estimated, with their weights.
+struct AtPixels {
+    errors: Vec<f64>,
+    /// Variance of each by what path tracing does not know of its pixel.
+    noises: Vec<f64>,
+    /// Standard deviation of the mean of the errors by what is not known of what they are relative to.
+    doubt: f64,
+}
+
+impl AtPixels {
+    /// `None` below two pixels and for pictures that are black all over.
+    fn of(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<AtPixels> {
+        let sum =
+            |total: f64, colour: &Rgb| total + colour.to_array().into_iter().map(f64::from).sum::<f64>();
+        let mean = image.iter().fold(0.0, sum) / (3 * image.len()) as f64;
+        if mean <= 0.0 || pixels.len() < 2 {
+            return None;
+        }
+        let shown_at = |pixel: &GaugedPixel| Shown {
+            at: image[pixel.index].to_array().map(f64::from),
+            around: mean_around(image, size, pixel.index),
+        };
+        let shown: Vec<Shown> = pixels.par_iter().map(shown_at).collect();
+        let weights = Weights::of(pixels, &shown, size.width() as usize, mean);
+        let (errors, noises) = (0..pixels.len())
+            .into_par_iter()
+            .map(|place| {
+                let (pixel, shown) = (&pixels[place], shown[place].at);
+                let of = |errors: [f64; 3]| pixel.weight * errors.into_iter().sum::<f64>() / 3.0;
+                (of(pixel.errors(shown, &weights, place)), of(pixel.noises(shown, &weights, place)).powi(2))
+            })
+            .unzip();
+        Some(AtPixels { errors, noises, doubt: weights.doubt(pixels, &shown) })
+    }
+}
+
+/// The error of `image` (`[h × w]`, W/(m² sr)), bias included, by what is known of the truth at some of its pixels; `None`
+/// below two of them and for pictures that are black all over.
+pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<MeasuredError> {
+    let AtPixels { errors, doubt, .. } = AtPixels::of(image, size, pixels)?;
+    Some(of_pixels(&errors, doubt))
+}
+
+/// Whether more pixels would make such a measure surer than more samples for these: their errors differ by more than by what is
+/// not known of each.
+pub fn wants_more_pixels(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> bool {
+    let Some(AtPixels { errors, noises, .. }) = AtPixels::of(image, size, pixels) else { return false };
+    let count = errors.len() as f64;
+    let mean = errors.iter().sum::<f64>() / count;
+    let spread = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>();
+    spread > 2.0 * noises.iter().sum::<f64>()
+}
+
+impl GaugedPixel {
+    /// x₁ and x₂.
+    fn halves(&self) -> [[f64; 3]; 2] {
+        self.parts.map(|parts| std::array::from_fn(|c| parts.iter().map(|part| part[c]).sum()))
+    }
+
+    /// What all of its samples say of channel `c`.
+    pub(super) fn found(&self, c: usize) -> Found {
+        let [a, b] = self.halves();
+        Found { mean: 0.5 * (a[c] + b[c]), variance: self.variance[c], samples_share: 1.0 }
+    }
+
+    /// (d − x₁)(d − x₂) by channel, not weighed.
+    pub(super) fn squared_errors(&self, shown: [f64; 3]) -> [f64; 3] {
+        let [a, b] = self.halves();
+        std::array::from_fn(|c| (shown[c] - a[c]) * (shown[c] - b[c]))
+    }
+
+    /// The same, weighed. (d − x₁)(d − x₂) is the sum of the products of a part of one half and a part of the other. Each is
+    /// weighed by what all the other parts found: a weight that knew of the same samples would be small where they are bright
+    /// and large where they are dark, so that their noise would count as error. This way an error of nothing is nothing in the
+    /// mean, whatever the weights.
+    fn errors(&self, shown: [f64; 3], weights: &Weights, place: usize) -> [f64; 3] {
+        let halves = self.halves();
+        let pairs = (0..GAUGED_PARTS).flat_map(|i| (0..GAUGED_PARTS).map(move |j| [i, j]));
+        std::array::from_fn(|c| {
+            let of_pair = |pair: [usize; 2]| {
+                let parts: [f64; 2] = std::array::from_fn(|half| self.parts[half][pair[half]][c]);
+                let shares = pair.map(|part| self.shares[part]);
+                let product = (shares[0] * shown[c] - parts[0]) * (shares[1] * shown[c] - parts[1]);
+                let share = 1.0 - 0.5 * (shares[0] + shares[1]);
+                // Of a single part there are no others.
+                let others = (share > 1e-6).then(|| Found {
+                    mean: 0.5 * (halves[0][c] - parts[0] + halves[1][c] - parts[1]) / share,
+                    variance: self.variance[c] / share,
+                    samples_share: share,
+                });
+                product * weights.at(place, c).weight(others)
+            };
+            pairs.clone().map(of_pair).sum()
+        })
+    }
+
+    /// Standard deviations of the errors. Of a product of two numbers with the mean e and twice the variance v of their mean:
+    /// 2 e² · 2v + (2v)².
+    fn noises(&self, shown: [f64; 3], weights: &Weights, place: usize) -> [f64; 3] {
+        let squared = self.squared_errors(shown);
+        std::array::from_fn(|c| {
+            let v = self.variance[c];
+            let noise = (4.0 * v * (squared[c].max(0.0) + v)).sqrt();
+            noise * weights.at(place, c).weight(Some(self.found(c)))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        film::compare,
+        math::{sobol::PixelSampler, statistics::RunningStatistics},
+    };
+
+    fn size() -> PictureSize {
+        PictureSize::new(64, 48).unwrap()
+    }
+
+    /// A truth with waves from pixel to pixel and over the picture, bright and dark by a factor of twelve.
+    fn truth() -> Vec<Rgb> {
+        let of = |index: usize| {
+            let (x, y) = ((index % 64) as f32, (index / 64) as f32);
+            let wide = (0.11 * x).sin() * (0.17 * y + 1.0).cos();
+            let fine = 1.0 + 0.15 * (2.1 * x + 1.3 * y).sin();
+            let grey = fine * (1.2 * wide).exp();
+            Rgb::new(grey, 0.7 * grey, 0.4 * grey * (1.5 + wide))
+        };
+        (0..size().pixel_count()).map(of).collect()
+    }
+
+    /// What a picture shows of the truth: times `factor` of a pixel's column, and blotches over tiles of 8 × 8 pixels.
+    fn shown(truth: &[Rgb], factor: impl Fn(usize) -> f32, blotches: f32) -> Vec<Rgb> {
+        let of = |(index, truth): (usize, &Rgb)| {
+            let (x, y) = (index % 64, index / 64);
+            let [u, ..] = PixelSampler::new(5, 0, (y / 8 * 8 + x / 8) as u32, 0).four(0);
+            *truth * (factor(x) * (blotches * (2.0 * u - 1.0)).exp())
+        };
+        truth.iter().enumerate().map(of).collect()
+    }
+
+    /// A pixel gauged with samples of which four of five are black and the others exponentially distributed: each has nine times as
+    /// much variance as the square of the mean.
+    fn gauged(truth: Rgb, index: usize, seed: u64, samples: u32) -> GaugedPixel {
+        let sample = |half: u64, number: u32| {
+            let [u, v, ..] = PixelSampler::new(2 * seed + half, 0, index as u32, number).four(0);
+            let bright = if u < 0.2 { -5.0 * f64::from(1.0 - v).ln() } else { 0.0 };
+            truth.to_array().map(|channel| f64::from(channel) * bright)
+        };
+        let mut parts = [[[0.0; 3]; GAUGED_PARTS]; 2];
+        let mut variance = [0.0; 3];
+        let count = f64::from(samples);
+        for number in 0..samples {
+            let both = [sample(0, number), sample(1, number)];
+            let part = number as usize / 4 % GAUGED_PARTS;
+            for c in 0..3 {
+                (0..2).for_each(|half| parts[half][part][c] += both[half][c] / count);
+                variance[c] += (both[0][c] - both[1][c]).powi(2) / (4.0 * count * count);
+            }
+        }
+        GaugedPixel { index, weight: 1.0, parts, shares: [1.0 / GAUGED_PARTS as f64; GAUGED_PARTS], variance }
+    }
+
+    /// How a picture is measured, often.
+    struct Judgement {
+        /// Mean of √relMSE, over what it is.
+        ratio: f64,
+        /// Share of intervals that hold it.
+        held: f64,
+    }
+
+    /// Measures a picture with so many pixels, one of each of as many runs of pixels, and so many samples of either half of each.
+    fn judge(name: &str, image: &[Rgb], truth: &[Rgb], [count, samples]: [usize; 2]) -> Judgement {
+        const ROUNDS: u64 = 200;
+        let expected = compare(image, truth).unwrap().rel_mse;
+        let (mut measured, mut held, mut widths) = (RunningStatistics::default(), 0, 0.0);
+        for round in 0..ROUNDS {
+            let run = truth.len() / count;
+            let gauge = |place: usize| {
+                let [u, ..] = PixelSampler::new(round, 1, place as u32, 0).four(0);
+                let index = place * run + (u * run as f32) as usize;
+                gauged(truth[index], index, round, samples as u32)
+            };
+            let pixels: Vec<GaugedPixel> = (0..count).map(gauge).collect();
+            let error = measure_at(image, size(), &pixels).unwrap();
+            let [low, high] = error.interval_95;
+            held += u32::from(low <= expected && expected <= high);
+            measured.add(error.rel_mse);
+            widths += (high / expected).sqrt() / ROUNDS as f64;
+        }
+        let ratio = (measured.mean() / expected).sqrt();
+        let held = f64::from(held) / ROUNDS as f64;
+        println!(
+            "{name:<20} {count:>4} pixels: true {:>6.1} %, measured over true {ratio:.3}, upper end {widths:.2}, held {held:.3}",
+            100.0 * expected.sqrt(),
+        );
+        Judgement { ratio, held }
+    }
+
+    /// Pictures that are three and ten times too bright and too dark, all over or in one half, and blotchy, are measured by how
+    /// bright the truth is from noisy samples, and intervals hold their error. By what is shown their √relMSE would read 0.1 to 10
+    /// times what it is.
+    #[test]
+    fn pictures_that_are_too_bright_or_too_dark_are_weighed_by_the_truth() {
+        let truth = truth();
+        for factor in [10.0, 3.0, 1.0 / 3.0, 0.1] {
+            for (part, columns, counts) in [("all", 64, [64, 256]), ("half", 32, [256, 512])] {
+                let image = shown(&truth, |x| if x < columns { factor } else { 1.0 }, 0.3);
+                for count in counts {
+                    let found = judge(&format!("{part} × {factor:.2}"), &image, &truth, [count, 16]);
+                    assert!((found.ratio - 1.0).abs() < 0.15, "{part} × {factor}: {}", found.ratio);
+                    assert!(found.held >= 0.9, "{part} × {factor}: held {}", found.held);
+                }
+            }
+        }
+    }
+
+    /// What is measured of a picture that is nearly right is not distorted by what noisy samples say of its weights.
+    #[test]
+    fn nearly_right_pictures_are_measured_as_before() {
+        let truth = truth();
+        for (blotches, samples) in [(0.1, 256), (0.1, 1024), (0.02, 4096)] {
+            let image = shown(&truth, |_| 1.0, blotches);
+            for count in [64, 256] {
+                let found = judge(&format!("blotches {blotches}"), &image, &truth, [count, samples]);
+                assert!((found.ratio - 1.0).abs() < 0.06, "{blotches} {samples}: {}", found.ratio);
+                assert!(found.held >= 0.9, "{blotches} {samples}: held {}", found.held);
+            }
+        }
+    }
+}
