@@ -109,8 +109,8 @@ impl GaugedPixel {
 
     /// The same, weighed. (d − x₁)(d − x₂) is the sum of the products of a part of one half and a part of the other. Each is
     /// weighed by what all the other parts found: a weight that knew of the same samples would be small where they are bright
-    /// and large where they are dark, so that their noise would count as error. This way an error of nothing is nothing in the
-    /// mean, whatever the weights.
+    /// and large where they are dark, so that their noise would count as error. (Of the variance and the groups' ratios they are a part
+    /// still, so little that a right picture reads as right: a test.)
     fn errors(&self, shown: [f64; 3], weights: &Weights, place: usize) -> [f64; 3] {
         let halves = self.halves();
         let pairs = (0..GAUGED_PARTS).flat_map(|i| (0..GAUGED_PARTS).map(move |j| [i, j]));
@@ -251,6 +251,50 @@ mod tests {
                     assert!(found.held >= 0.9, "{part} × {factor}: held {}", found.held);
                 }
             }
+        }
+    }
+
+    /// A right picture has no error in the mean of many measures, of few samples that mostly find nothing too.
+    #[test]
+    fn noise_of_what_weighs_is_no_error() {
+        let truth = truth();
+        for samples in [16, 32] {
+            let mut found = RunningStatistics::default();
+            for round in 0..400 {
+                let pixels: Vec<GaugedPixel> = (0..64)
+                    .map(|place| gauged(truth[place * 48 + 7], place * 48 + 7, round, samples))
+                    .collect();
+                let errors = AtPixels::of(&truth, size(), &pixels).unwrap().errors;
+                found.add(errors.iter().sum::<f64>() / errors.len() as f64);
+            }
+            let allowed = 0.01 + 3.0 * found.standard_error();
+            assert!(found.mean().abs() < allowed, "{samples}: {} for {allowed}", found.mean());
+        }
+    }
+
+    /// Where samples found no light at all, or at one pixel alone, what is measured is a number, and so is its interval.
+    #[test]
+    fn gauges_that_found_nothing_are_measures() {
+        let truth = truth();
+        for lit in [None, Some(3)] {
+            let gauge = |place: usize| {
+                let brightness = if lit == Some(place) { 1.0 } else { 0.0 };
+                GaugedPixel {
+                    index: place * 40,
+                    weight: 1.0,
+                    parts: [[[brightness; 3]; GAUGED_PARTS]; 2],
+                    shares: [1.0 / GAUGED_PARTS as f64; GAUGED_PARTS],
+                    variance: [brightness; 3],
+                }
+            };
+            let pixels: Vec<GaugedPixel> = (0..64).map(gauge).collect();
+            let mut image = truth.clone();
+            // One shows nothing either.
+            image[0] = Rgb::BLACK;
+            let error = measure_at(&image, size(), &pixels).unwrap();
+            let [low, high] = error.interval_95;
+            assert!(error.rel_mse.is_finite() && low.is_finite() && high.is_finite(), "{lit:?}: {error:?}");
+            assert!(error.rel_mse > 0.3, "it may be ten times too bright, for all that is known: {error:?}");
         }
     }
 

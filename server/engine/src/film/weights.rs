@@ -17,13 +17,13 @@ use super::gauged::{GaugedPixel, Shown};
 const GROUP_LEAST: usize = 8;
 /// Most groups at the end: more say little more and take time.
 const GROUPS_MOST: usize = 64;
-/// Square of the number of standard deviations at which half of a difference is believed. Of 2, 2.5, 3 and 4, and of harder and
-/// softer steps, on 128 pictures of eight views after one and two seconds: by this √relMSE is 19 % (root mean square) from
-/// that with the same samples and the truth for the weights, where a bound of 3σ for single pixels alone had 38. (Groups of
-/// twelve pixels and parts only where they differ surely were as near, and worse where half a picture is too dark.)
-const CHANCE: f64 = 2.0;
+/// Square of the number of standard deviations at which half of a group's difference is believed.
+const CHANCE: f64 = 4.0;
+/// Square of that from which on what a single pixel found is believed at all: its noise would weigh itself. At 2, and in shares, a
+/// picture that was right read 25 % with 16 samples of which one in five found light.
+const PIXELS_CHANCE: f64 = 9.0;
 
-/// Share of a difference that is believed, as more than chance: with z in standard deviations z⁴ / (z⁴ + 2²).
+/// Share of a group's difference that is believed, as more than chance: with z in standard deviations z⁴ / (z⁴ + 4²).
 fn belief(difference: f64, variance: f64) -> f64 {
     let (signal, noise) = (difference.powi(4), (CHANCE * variance).powi(2));
     if signal > 0.0 { signal / (signal + noise) } else { 0.0 }
@@ -81,12 +81,9 @@ impl Weights {
             }
         };
         let mut sightings: Vec<Sighting> = pixels.iter().enumerate().map(sight).collect();
-        let (factor, mean_doubt) = mean_correction(&sightings, shown);
+        let typical = typical(pixels);
+        let (factor, mean_doubt) = mean_correction(&sightings, shown, typical);
         let floor = 0.01 * (factor * mean).powi(2);
-        let typical = std::array::from_fn(|c| {
-            let relative = |pixel: &GaugedPixel| pixel.variance[c] / (pixel.found(c).mean.powi(2) + floor);
-            pixels.iter().map(relative).sum::<f64>() / pixels.len() as f64
-        });
         // Noise is about as large as what is seen: so weighed every pixel says as much of its group's ratio. Else one beside a
         // lamp, bright around and dark itself, would make all of them dark.
         for one in &mut sightings {
@@ -145,27 +142,31 @@ impl Weights {
 }
 
 impl Standing {
-    /// One over what stands for the square of the truth, R² + 0.01·m̄².
-    ///
-    /// R goes from what the picture shows to what was `found` by the share b = [`belief`] in their difference. It is uncertain: for
-    /// R with the variance v the expectation of W = 1 / (R² + f) is larger than W for the mean of R by v·W″/2 =
-    /// v·W²·(4 R²·W − 1), for which v·(4 R²·W − 1) in the denominator makes up. Of v for what was found it is v·b²·(5 − 4 b):
-    /// between that by b alone and that by the slope b + z·db/dz = b·(5 − 4 b), which is so steep on a short way only.
+    /// One over what stands for the square of the truth, R² + 0.01·m̄²: R is what the picture shows around, corrected, and, as far
+    /// as that is surely wrong, what was `found` in its place.
     pub(super) fn weight(&self, found: Option<Found>) -> f64 {
         let Some(found) = found else { return 1.0 / (self.around * self.around + self.floor) };
         let typical = self.typical / found.samples_share;
-        let variance_of = |truth: f64| found.variance.max(typical * truth * truth);
         let off = found.mean - self.around;
-        let own = belief(off, variance_of(self.around));
-        let truth = self.around + own * off;
-        let square = truth * truth + self.floor;
-        let variance = own * own * (5.0 - 4.0 * own) * variance_of(found.mean);
-        1.0 / (square + variance * (4.0 * truth * truth / square - 1.0).max(0.0))
+        let chance = PIXELS_CHANCE * found.variance.max(typical * self.around * self.around);
+        let truth =
+            if off * off > chance { self.around + off * (1.0 - chance / (off * off)) } else { self.around };
+        1.0 / (truth * truth + self.floor)
     }
 }
 
+/// Relative variance of what one pixel finds, by what all found: that of their mean times their number. A mean over pixels
+/// would not do: those that found nothing know of no variance.
+fn typical(pixels: &[GaugedPixel]) -> [f64; 3] {
+    std::array::from_fn(|c| {
+        let found: f64 = pixels.iter().map(|pixel| pixel.found(c).mean).sum();
+        let variance: f64 = pixels.iter().map(|pixel| pixel.variance[c]).sum();
+        if found > 0.0 { pixels.len() as f64 * variance / (found * found) } else { 0.0 }
+    })
+}
+
 /// Factor on the picture's mean by what all pixels show and found, and its relative standard deviation.
-fn mean_correction(sightings: &[Sighting], shown: &[Shown]) -> (f64, f64) {
+fn mean_correction(sightings: &[Sighting], shown: &[Shown], typical: [f64; 3]) -> (f64, f64) {
     let grey = |one: &Sighting| {
         // Channels of one pixel err together.
         let deviation: f64 = one.variance.iter().map(|variance| variance.sqrt()).sum();
@@ -177,7 +178,7 @@ fn mean_correction(sightings: &[Sighting], shown: &[Shown]) -> (f64, f64) {
         }
     };
     let sightings: Vec<Sighting> = sightings.iter().map(grey).collect();
-    Pool::of(&sightings, 0, 0.0).correction()
+    Pool::of(&sightings, 0, typical.into_iter().fold(0.0, f64::max)).correction()
 }
 
 /// One pixel as it counts in a group.
@@ -243,6 +244,10 @@ impl Pool {
     fn correction(&self) -> (f64, f64) {
         if self.count < 2 || self.shown <= 0.0 {
             return (1.0, 0.0);
+        }
+        if self.found <= 0.0 {
+            // Light that was not found may be there: nothing is known of how bright the truth is.
+            return (1.0, 1.0);
         }
         let (off, variance) = (self.ratio() - 1.0, self.variance());
         let factor = 1.0 + belief(off, variance) * off;

@@ -31,8 +31,10 @@ const MAPPED_SHARE: f64 = 1.2;
 /// Surfaces at which photons are kept for each that the settings ask for, about, at most: bright rooms and mirrors keep each at
 /// tens of them, and fewer are sent out.
 const KEPT_SHARE_MAX: f64 = 8.0;
-/// Photons sent out for each that the settings ask for, as powers of two: at least and at most.
+/// Photons for each that the settings ask for, as powers of two: at least, and at most where none is thinned out.
 const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 4.0];
+/// Photons sent out for each that the settings ask for, about, at most.
+const SENT_SHARE_MAX: f64 = 4.0;
 
 /// Share of the time it may take that the next round is to fill at most.
 const FILLED_SHARE: f64 = 0.9;
@@ -303,9 +305,11 @@ impl Illumination {
         let maps = &self.photons.product().maps;
         let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
         let emitted = self.photons.paths().full_count() as f64;
+        let sent = self.photons.paths().path_count().max(1) as f64;
         let kept = self.photons.paths().hit_count().max(1) as f64;
         let wanted = (MAPPED_SHARE * emitted / mapped as f64).log2().round().max(0.0);
         let allowed = (KEPT_SHARE_MAX * emitted / kept).log2().round();
+        let allowed = allowed.min((SENT_SHARE_MAX * emitted / sent).log2().round());
         let [least, most] = EMISSION_EXPONENTS;
         wanted.min(allowed).clamp(least, most) as i32
     }

@@ -2,8 +2,8 @@
 //!
 //! Most photons of a sun that stands over a courtyard fall on the roofs around it and go on into the sky: they tell nothing but
 //! what is lit by the sun, and maps hold only what came from a surface. The first block of every stratum is a pilot. A stratum
-//! whose pilots bring few photons into maps for each of their rays gets a half, a quarter … of its other photons, each of twice,
-//! four times … the flux; none gets nothing, so what is stored stays an unbiased sample of the flux. Pilots are stored, withdrawn
+//! whose pilots bring few photons into maps for each of their rays gets a half or a quarter of its other photons, each of twice or
+//! four times the flux; none gets nothing, so what is stored stays an unbiased sample of the flux. Pilots are stored, withdrawn
 //! and traced again like all others, and what follows from them depends on nothing but them: after any edits strata are as
 //! far thinned out as in a fresh trace.
 //!
@@ -18,10 +18,11 @@ use crate::technique::MAPPED;
 
 /// Squared weights of photons in maps for each ray from which on a stratum is sent all of its photons, about.
 const FULL_YIELD: f64 = 0.25;
-/// Strata are thinned out so often at most: pilots may have missed by chance what others meet.
-const HALVINGS_MAX: u32 = 3;
+/// Strata are thinned out so often at most: pilots may have missed by chance what others meet, and single photons of eight times
+/// the flux made a hostile scene of 32,000 photons half as bright again.
+const HALVINGS_MAX: u32 = 2;
 /// Photons besides the pilots that a thinned out stratum keeps at least.
-const OTHERS_MIN: u32 = 16;
+const OTHERS_MIN: u32 = 64;
 /// Squared weights and rays that are added to those of the pilots: of none that was found some may be there.
 const PRIOR: [f64; 2] = [0.5, 2.0];
 
@@ -59,8 +60,8 @@ impl PhotonTracing {
                 continue;
             }
             let blocks = &photons.strata[stratum as usize];
-            // All of its photons carry another flux.
-            blocks.iter().for_each(|block| self.stale.note(block, &Block::default(), &self.surfaces));
+            // All of its photons but the pilots carry another flux.
+            blocks.iter().skip(1).for_each(|block| self.stale.note(block, &Block::default(), &self.surfaces));
             let withdrawn = (0..blocks.len() as u32).map(|place| pending.remove(&name(stratum, place)));
             let withdrawn: Vec<u64> = withdrawn.map(Option::unwrap_or_default).collect();
             photons.thin_out(stratum, halvings);

@@ -49,7 +49,7 @@ use crate::{
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhotonSettings {
     /// Photons that all lights together emit, to a fifth: the flux of a photon goes in steps, so that small edits do not
-    /// change it. Fewer are sent where few of them become what maps hold, down to an eighth.
+    /// change it. Fewer are sent where few of them become what maps hold, down to a quarter.
     pub emitted_count: u32,
     /// Most surfaces that a photon reaches; `None`: until absorbed.
     pub bounces_max: Option<u32>,
@@ -129,7 +129,8 @@ impl PhotonTracing {
         &self.product
     }
 
-    /// Where the flux of all photons went that were traced so far, without those that were taken over.
+    /// Where the flux of all photons went that were traced so far, without those that were taken over; after edits about, where
+    /// strata are thinned out otherwise than before.
     pub fn flux(&self) -> FluxTally {
         let sources = self.paths.sources.iter();
         let strata = sources.flat_map(|photons| (0..).zip(&photons.tallies).map(move |of| (photons, of)));

@@ -133,7 +133,7 @@ fn lights_send_their_flux() {
         ("lamp", lamp, luminance * PI * 4.0 * 0.199_825),
     ];
     for (name, scene, expected) in cases {
-        // Nothing that a black square shows ends up in maps: an eighth of them is sent.
+        // Nothing that a black square shows ends up in maps: a quarter of them is sent.
         let tracing = traced(scene, emitting(800_000));
         let on_square =
             |instance: u32| tracing.paths().hits().filter(move |(hit, _)| hit.instance() == Some(instance));
