@@ -16,7 +16,8 @@ use crate::math::{
 /// place of the unknown reference.
 ///
 /// m is the mean displayed value of the 5 × 5 pixels around, without the pixel itself; where the truth is known of some pixels
-/// it is corrected by that (`weights.rs`). The pixel's own value will not do: it is large whenever its error is, so that at 16 samples the picture of a glass sphere with a true error of
+/// it is corrected by that (`weights.rs`). The pixel's own value will not do: it is large whenever its error is, so that at
+/// 16 samples the picture of a glass sphere with a true error of
 /// 92 % read 17 % (64 samples: 47 % read 15 %); with its neighbours 98 % and 47 %. What remains is the
 /// picture's own detail, which neighbours blur: on six scenes at 16 and 64 samples the figure was between 5 % of
 /// itself too small and 8 % too large.

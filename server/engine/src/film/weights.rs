@@ -8,8 +8,7 @@
 //! where, with what is uncertain shrunk), and last by the pixel alone.
 //!
 //! Pixels have a say in their own groups. Without, a group that lost its one bright sample would look too dark to that pixel
-//! alone, whose error it would weigh: relMSE of a picture a half of which is ten times too dark read 2.2 times what it is with 64
-//! pixels, for 1.6.
+//! alone, whose error it would weigh, and pictures that are too dark would read worse than they are.
 
 use super::gauged::{GaugedPixel, Shown};
 
