@@ -275,6 +275,7 @@ impl Building {
             }
             let spread = bench.clustering.cluster(
                 &bench.gather.photons,
+                set.normal,
                 self.settings.vdl_count.get(),
                 key ^ index as u64,
                 &mut light.vdls[index],

@@ -1,7 +1,8 @@
 //! k-means of the photons of a leaf into a few virtual directional lights [Vivanloc2007, 3.1.2].
 //!
-//! Directions are clustered by their chord on the unit sphere, weighted by the luminance they bring. A centre is
-//! the normalised weighted mean of its members: for unit vectors |d − c|² = 2 − 2 d·c, so that this is the unit
+//! Directions are clustered by their chord on the unit sphere, weighted by the luminance they bring to a surface that faces
+//! them: the mean direction of Σ E ω / cos is the one whose light lights surfaces of any normal like the photons themselves, as
+//! long as all lie above the horizon. A centre is the normalised weighted mean of its members: for unit vectors |d − c|² = 2 − 2 d·c, so that this is the unit
 //! centre with the least weighted sum of squared chords, and the nearest centre is the one with the largest cosine.
 //!
 //! This runs for every leaf of the octree and is the hot loop of building it, hence its form: coordinates in arrays
@@ -9,6 +10,7 @@
 
 use glam::Vec3;
 
+use super::harmonics::COSINE_MIN;
 use crate::{
     math::{Rgb, sobol::mix},
     technique::GatheredPhoton,
@@ -71,16 +73,18 @@ impl Clustering {
     /// The irradiances of the lights sum to those of the photons, to single-precision rounding of each light's sum.
     /// Directions are a biased summary: shadows between a photon and its light's direction are lost.
     ///
+    /// - `n_set`: unit normal of the surface that the irradiance was measured on
     /// - `count_max`: 1 to [`VDL_COUNT_MAX`]; fewer lights come where fewer directions do, none without irradiance
     /// - `key`: names the random numbers of the first centres
     pub(super) fn cluster(
         &mut self,
         photons: &[GatheredPhoton],
+        n_set: Vec3,
         count_max: usize,
         key: u64,
         vdls: &mut Vec<Vdl>,
     ) -> Spread {
-        let dropped_count = self.photons.fill(photons);
+        let dropped_count = self.photons.fill(photons, n_set);
         let weight = self.photons.weight();
         if weight == 0.0 {
             return Spread { chord_rms: 0.0, dropped_count };
@@ -168,7 +172,7 @@ struct Block {
     squared_chord: Lanes,
     /// Index of the photon's centre.
     label: [u32; LANE_COUNT],
-    /// Luminance, relative to the brightest photon.
+    /// Luminance that a surface gets of it which faces it, relative to the brightest photon.
     weight: Lanes,
     /// Weight times direction, and weight: what a photon adds to its mean, side by side for one addition.
     share: [[f32; 4]; LANE_COUNT],
@@ -185,14 +189,14 @@ impl Block {
         share: [[0.0; 4]; LANE_COUNT],
     };
 
-    /// Sets the luminance for weight; [`Block::scale`] makes it relative.
-    fn set(&mut self, lane: usize, direction: Vec3, luminance: f32) {
+    /// [`Block::scale`] makes the weight relative.
+    fn set(&mut self, lane: usize, direction: Vec3, weight: f32) {
         [self.x[lane], self.y[lane], self.z[lane]] = direction.to_array();
-        self.weight[lane] = luminance;
+        self.weight[lane] = weight;
     }
 
     fn scale(&mut self, factor: f32) {
-        self.weight = self.weight.map(|luminance| luminance * factor);
+        self.weight = self.weight.map(|weight| weight * factor);
         self.share = std::array::from_fn(|lane| {
             let weight = self.weight[lane];
             [self.x[lane] * weight, self.y[lane] * weight, self.z[lane] * weight, weight]
@@ -219,7 +223,7 @@ struct Photons {
 
 impl Photons {
     /// Takes the photons that bring light, and returns how many made no sense.
-    fn fill(&mut self, photons: &[GatheredPhoton]) -> u32 {
+    fn fill(&mut self, photons: &[GatheredPhoton], n_set: Vec3) -> u32 {
         self.blocks.clear();
         self.irradiance.clear();
         let (mut dropped_count, mut brightest) = (0, 0f32);
@@ -230,8 +234,9 @@ impl Photons {
             }
             let luminance = photon.irradiance.luminance();
             if luminance > 0.0 {
-                brightest = brightest.max(luminance);
-                self.push(photon, luminance);
+                let weight = luminance / n_set.dot(photon.direction).max(COSINE_MIN);
+                brightest = brightest.max(weight);
+                self.push(photon, weight);
             }
         }
         // Weights of order one neither overflow nor vanish in their sums, whatever the unit of power.
@@ -240,13 +245,13 @@ impl Photons {
         dropped_count
     }
 
-    fn push(&mut self, photon: &GatheredPhoton, luminance: f32) {
+    fn push(&mut self, photon: &GatheredPhoton, weight: f32) {
         let lane = self.irradiance.len() % LANE_COUNT;
         if lane == 0 {
             self.blocks.push(Block::EMPTY);
         }
         if let Some(block) = self.blocks.last_mut() {
-            block.set(lane, photon.direction, luminance);
+            block.set(lane, photon.direction, weight);
         }
         self.irradiance.push(photon.irradiance);
     }

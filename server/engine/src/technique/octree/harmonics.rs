@@ -12,7 +12,7 @@ use crate::{math::Rgb, technique::GatheredPhoton};
 const COEFFICIENT_COUNT: usize = 9;
 /// Least cosine to divide by: a photon at 84° and beyond counts for ten times its irradiance and no more, or else a
 /// few grazing photons would drown the leaf in noise. Costs a uniform hemisphere 1.1 % of its irradiance.
-const COSINE_MIN: f32 = 0.1;
+pub(super) const COSINE_MIN: f32 = 0.1;
 
 /// Factors of the real spherical harmonics: √(1/4π), √(3/4π), √(15/4π), √(5/16π), √(15/16π).
 const BAND_0: f32 = 0.282_094_8;

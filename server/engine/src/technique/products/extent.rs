@@ -10,6 +10,54 @@ use super::{
     patch,
 };
 
+/// Some piece of surface, as light from afar sees it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Facets {
+    /// Its area, m².
+    pub(super) area_m2: f32,
+    /// Sum of its parts' normals times their areas, m².
+    pub(super) facing_m2: Vec3,
+}
+
+impl Facets {
+    /// The same piece from its other side.
+    pub(super) fn turned(self) -> Facets {
+        Facets { facing_m2: -self.facing_m2, ..self }
+    }
+
+    fn share(self, share: f32) -> Facets {
+        Facets { area_m2: self.area_m2 * share, facing_m2: self.facing_m2 * share }
+    }
+
+    /// Mean over the piece of the cosine with which light from the unit direction `wi` meets it, 0 on what faces away from it.
+    ///
+    /// max(c, 0) = (c + |c|) / 2, and c has the mean wi · v, with v = Σ A n / Σ A; |c| is about √(mean² + 2/π · variance), with
+    /// the variance of normals that lie around v the same in all directions, (1 − |v|²) / 2 to either side. Exact where all
+    /// faces one way; where light grazes a bent piece within 0.03.
+    pub(super) fn mean_cos(&self, wi: Vec3) -> f32 {
+        let v = self.facing_m2 / self.area_m2;
+        let mean = wi.dot(v);
+        let length2 = v.length_squared().min(1.0);
+        let across = 0.5 * (1.0 - length2) * (1.0 - mean * mean / length2.max(f32::MIN_POSITIVE)).max(0.0);
+        0.5 * (mean + (mean * mean + across * std::f32::consts::FRAC_2_PI).sqrt())
+    }
+}
+
+impl std::ops::AddAssign for Facets {
+    fn add_assign(&mut self, other: Facets) {
+        self.area_m2 += other.area_m2;
+        self.facing_m2 += other.facing_m2;
+    }
+}
+
+impl std::iter::Sum for Facets {
+    fn sum<I: Iterator<Item = Facets>>(pieces: I) -> Facets {
+        let mut sum = Facets::default();
+        pieces.for_each(|piece| sum += piece);
+        sum
+    }
+}
+
 /// Triangles of a leaf at most.
 const LEAF_COUNT: usize = 4;
 
@@ -32,7 +80,7 @@ struct Face {
 /// Some triangles that lie together; those behind it in depth-first order, up to `end`, are its parts.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    area_m2: f32,
+    facets: Facets,
     middle: Vec3,
     /// No corner lies farther from the middle, m.
     reach_m: f32,
@@ -93,25 +141,25 @@ impl Extent {
         if self.nodes[place].count == 0 {
             // Part by part: a million small numbers added to a large one would lose a percent.
             let second = self.nodes[place + 1].end as usize;
-            self.nodes[place].area_m2 = self.nodes[place + 1].area_m2 + self.nodes[second].area_m2;
+            self.nodes[place].facets = [place + 1, second].map(|part| self.nodes[part].facets).into_iter().sum();
         }
     }
 
     /// Of all triangles, m².
     pub(super) fn area_m2(&self) -> f32 {
-        self.nodes.first().map_or(0.0, |root| root.area_m2)
+        self.nodes.first().map_or(0.0, |root| root.facets.area_m2)
     }
 
-    /// Area of what faces the gather's normal, within a cosine of it, in the ellipsoid around its middle, m².
-    pub(super) fn area_within(
+    /// What faces the gather's normal, within a cosine of it, in the ellipsoid around its middle.
+    pub(super) fn within(
         &self,
         bounds: &GatherBounds,
         Reach { radius_m, facing_cos }: Reach,
         corners: impl Fn(u32) -> [Vec3; 3],
-    ) -> f32 {
+    ) -> Facets {
         // Single pieces of a surface of few are cut exactly: photons are counted exactly as well.
         let small_m2 = SMALL * SMALL * self.area_m2();
-        let mut sum = 0.0;
+        let mut sum = Facets::default();
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
             let flattened_m = bounds.flattened_from(node.middle).length();
@@ -126,17 +174,17 @@ impl Extent {
                 at = node.end as usize;
             } else if facing == Facing::All
                 && (flattened_m + reach_m <= radius_m
-                    || (node.reach_m <= SMALL * radius_m && node.area_m2 <= small_m2))
+                    || (node.reach_m <= SMALL * radius_m && node.facets.area_m2 <= small_m2))
             {
-                sum += node.area_m2 * share_within(radius_m - flattened_m, node.reach_m);
+                sum += node.facets.share(share_within(radius_m - flattened_m, node.reach_m));
                 at = node.end as usize;
             } else {
                 let faces = &self.faces[node.first as usize..(node.first + node.count) as usize];
                 let part = |face: &Face| {
                     let is_small = face.reach_m <= SMALL * radius_m && face.area_m2 <= small_m2;
-                    face.area_within(bounds, radius_m, facing_cos, is_small, &corners)
+                    face.facets(face.area_within(bounds, radius_m, facing_cos, is_small, &corners))
                 };
-                sum += faces.iter().map(part).sum::<f32>();
+                sum += faces.iter().map(part).sum();
                 at += 1;
             }
         }
@@ -172,7 +220,7 @@ impl Node {
         let cos = (cos - 1e-5).max(-1.0);
         let reach = |face: &Face| face.middle.distance(middle) + face.reach_m;
         Node {
-            area_m2: faces.iter().map(|face| face.area_m2).sum(),
+            facets: faces.iter().map(|face| face.facets(face.area_m2)).sum(),
             middle,
             reach_m: faces.iter().map(reach).fold(0.0, f32::max) * 1.0001,
             axis,
@@ -204,6 +252,11 @@ impl Face {
         let middle = (a + b + c) / 3.0;
         let reach_m = a.distance(middle).max(b.distance(middle)).max(c.distance(middle));
         Face { triangle, area_m2: 0.5 * n.length(), normal: n.normalize_or_zero(), middle, reach_m }
+    }
+
+    /// So much of it.
+    fn facets(&self, area_m2: f32) -> Facets {
+        Facets { area_m2, facing_m2: self.normal * area_m2 }
     }
 
     fn area_within(
@@ -290,7 +343,7 @@ mod tests {
             let radius_m = 0.02 + 1.5 * r * r;
             let facing_cos = if index % 3 == 0 { -2.0 } else { 0.5 + 0.4 * turn };
             let bounds = bounds(centre, normal);
-            let found = extent.area_within(&bounds, Reach { radius_m, facing_cos }, corners);
+            let found = extent.within(&bounds, Reach { radius_m, facing_cos }, corners).area_m2;
             let one_by_one: f32 = extent
                 .faces
                 .iter()
@@ -341,7 +394,7 @@ mod tests {
         let extent = Extent::of(&[0], corners, 1.0);
         for inside_m in [-0.9, -0.5, 0.0, 0.3] {
             let bounds = bounds(Vec3::new(-40.0 + inside_m, 0.0, 0.0), Vec3::Y);
-            let found = extent.area_within(&bounds, Reach { radius_m: 40.0, facing_cos: 0.5 }, corners);
+            let found = extent.within(&bounds, Reach { radius_m: 40.0, facing_cos: 0.5 }, corners).area_m2;
             // The rim is next to straight: what lies left of x = inside_m.
             let right: f32 = (1.0 - inside_m).powi(2) / 3f32.sqrt();
             let left = if inside_m <= -0.5 { 0.0 } else { 0.75 * 3f32.sqrt() - right };
@@ -356,7 +409,7 @@ mod tests {
         for triangles in [&[][..], &[0, 1, 2, 3, 4, 5][..]] {
             let extent = Extent::of(triangles, corners, 1.0);
             let reach = Reach { radius_m: 3.0, facing_cos: -2.0 };
-            assert_eq!(extent.area_within(&bounds(Vec3::ZERO, Vec3::Y), reach, corners), 0.0);
+            assert_eq!(extent.within(&bounds(Vec3::ZERO, Vec3::Y), reach, corners), Facets::default());
             assert_eq!(extent.area_m2(), 0.0);
         }
     }

@@ -1,8 +1,10 @@
 //! What is read from photon maps: the photons around a point, with their shares of the irradiance there.
 //!
-//! Density estimate E = Σ Φⱼ / A over the photons within the distance r of the k-th nearest, where A is the area of their
-//! own surfaces within that distance [Jensen1996; Larsen2004, 8.1]: exact at borders and in corners, where a disc πr² would
-//! hang off the surface. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon
+//! Density estimate E = Σ Φⱼ cos⁺(ωⱼ, n) / Σᵢ Aᵢ cos⁺(ωⱼ, nᵢ) over the photons within the distance r of the k-th nearest,
+//! where the sum over i is of their own surfaces within that distance, Φⱼ over the area that the light of photon j saw. On a
+//! flat surface this is Σ Φⱼ / A [Jensen1996; Larsen2004, 8.1], exact at borders and in corners, where a disc πr² would hang
+//! off the surface; on a column, whose sides get light from different directions, each shows the light it faces, not the mean
+//! of all. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon
 //! defines r and does not count itself, which makes the estimate unbiased for even light. **Biased**: blurs over r.
 //! Consistent as photons grow and r shrinks.
 //!
@@ -16,6 +18,7 @@ use glam::Vec3;
 use kiddo::SquaredEuclidean;
 
 use super::{
+    extent::Facets,
     map::{MAPPED, MapPhoton, PhotonMaps, SideMap},
     surfaces::SideId,
 };
@@ -29,7 +32,7 @@ use crate::{
 pub struct GatheredPhoton {
     /// Unit direction to where it came from.
     pub direction: Vec3,
-    /// Its share of the irradiance, W/m².
+    /// Its share of the irradiance of what faces the gather's normal, W/m².
     pub irradiance: Rgb,
 }
 
@@ -64,13 +67,13 @@ pub struct Gather {
     pub radius_m: f32,
     /// Nothing further out than this had any influence, m.
     pub reach_m: f32,
-    /// Area of the surfaces within that radius, m².
-    pub area_m2: f32,
+    /// The surfaces within that radius.
+    facets: Facets,
     near: Vec<Near>,
     /// Photons on what faces further away from the gather's normal were left out, and so is its area.
     facing_cos: f32,
     /// Within reach, by place in the list of sides.
-    areas: Vec<f32>,
+    of_sides: Vec<Facets>,
     /// Sides that do not count, ascending.
     dark: Vec<u32>,
 }
@@ -100,6 +103,9 @@ const WIDER: usize = 3;
 /// Two estimates agree where they are no further apart than so many standard deviations of both: more keep blur, fewer take noise
 /// for change.
 const AGREES_SIGMA: f64 = 2.0;
+
+/// Least cosine that the light of a photon meets its surface with: what grazes more counts as if it grazed so much.
+const COS_MIN: f32 = 0.03;
 
 /// A side counts as dark if it has at most this share of the photons that it would have if all sides were lit alike …
 const DARK_SHARE: f32 = 1.0 / 16.0;
@@ -162,7 +168,7 @@ impl PhotonMaps {
     pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         gather.photons.clear();
         gather.near.clear();
-        gather.area_m2 = 0.0;
+        gather.facets = Facets::default();
         gather.radius_m = 0.0;
         gather.reach_m = 0.0;
         let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
@@ -182,17 +188,17 @@ impl PhotonMaps {
         gather.near.sort_unstable_by_key(Near::name);
         let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
         self.measure_sides(class, sides, bounds, reach, gather);
-        if !(gather.area_m2 > 0.0) {
+        if !(gather.facets.area_m2 > 0.0) {
             return;
         }
         let Gather { near, dark, .. } = gather;
         near.retain(|near| dark.binary_search(&near.side).is_err());
         self.narrow(class, sides, bounds, gather);
-        let per_area = 1.0 / gather.area_m2;
+        let seen = Seen { facets: gather.facets, normal: bounds.normal };
         let photons = gather.near.iter().filter_map(|near| near.of(maps));
-        gather.photons.extend(photons.map(|photon| GatheredPhoton {
-            direction: octahedral::decode(photon.direction),
-            irradiance: photon.flux * per_area,
+        gather.photons.extend(photons.map(|photon| {
+            let direction = octahedral::decode(photon.direction);
+            GatheredPhoton { direction, irradiance: photon.flux * seen.irradiance_of(direction) }
         }));
     }
 
@@ -238,13 +244,14 @@ impl PhotonMaps {
         reach: Reach,
         gather: &mut Gather,
     ) {
-        gather.areas.clear();
-        gather.areas.extend(sides.iter().map(|side| self.surfaces.area_within(*side, bounds, reach)));
-        let per_m2 = gather.near.len() as f32 / gather.areas.iter().sum::<f32>();
+        gather.of_sides.clear();
+        gather.of_sides.extend(sides.iter().map(|side| self.surfaces.within(*side, bounds, reach)));
+        let all_m2 = gather.of_sides.iter().map(|facets| facets.area_m2).sum::<f32>();
+        let per_m2 = gather.near.len() as f32 / all_m2;
         for (place, id) in sides.iter().enumerate() {
-            let (side, area_m2) = (id.index() as u32, gather.areas[place]);
+            let (side, facets) = (id.index() as u32, gather.of_sides[place]);
             if class == 0 {
-                let expected = per_m2 * area_m2;
+                let expected = per_m2 * facets.area_m2;
                 let first = gather.near.partition_point(|near| near.side < side);
                 let count = gather.near[first..].partition_point(|near| near.side == side);
                 if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
@@ -252,7 +259,7 @@ impl PhotonMaps {
                 }
             }
             if !gather.is_dark(*id) {
-                gather.area_m2 += area_m2;
+                gather.facets += facets;
             }
         }
     }
@@ -266,8 +273,10 @@ impl PhotonMaps {
         }
         gather.near.sort_unstable_by(Near::by_distance);
         let narrowest_m = if bounds.is_content() { NARROWEST * bounds.radius_m } else { 0.0 };
-        let widest = Estimate { count: all, radius_m: gather.radius_m, area_m2: gather.area_m2 };
-        let (mut sums, mut summed) = (FluxSums::default(), 0);
+        let widest = Estimate { count: all, radius_m: gather.radius_m, facets: gather.facets };
+        // All estimates weigh photons alike.
+        let seen = Seen { facets: gather.facets, normal: bounds.normal };
+        let (mut sums, mut summed) = (LightSums::default(), 0);
         let mut agreement = Agreement::ANY;
         let mut chosen = None;
         while summed < all {
@@ -278,15 +287,17 @@ impl PhotonMaps {
                 let radius_m = gather.near[count].distance2.sqrt();
                 let reach = Reach { radius_m, facing_cos: gather.facing_cos };
                 let lit = sides.iter().filter(|side| !gather.is_dark(**side));
-                let area_m2 = lit.map(|side| self.surfaces.area_within(*side, bounds, reach)).sum();
-                Estimate { count, radius_m, area_m2 }
+                let facets = lit.map(|side| self.surfaces.within(*side, bounds, reach)).sum();
+                Estimate { count, radius_m, facets }
             };
             let photons = gather.near[summed..estimate.count].iter();
-            photons.filter_map(|near| near.of(&self.sides[class])).for_each(|photon| sums.add(&photon));
+            for photon in photons.filter_map(|near| near.of(&self.sides[class])) {
+                sums.add(photon.flux.luminance() * seen.irradiance_of(octahedral::decode(photon.direction)));
+            }
             summed = estimate.count;
             // Photons at one point have no area around them.
-            if estimate.radius_m > narrowest_m && estimate.area_m2 > 0.0 {
-                if !agreement.admits(&sums, estimate.area_m2) {
+            if estimate.radius_m > narrowest_m && estimate.facets.area_m2 > 0.0 {
+                if !agreement.admits(&sums, estimate.facets.area_m2 / widest.facets.area_m2) {
                     break;
                 }
                 chosen = Some(estimate);
@@ -296,7 +307,7 @@ impl PhotonMaps {
         let chosen = chosen.unwrap_or(widest);
         gather.near.truncate(chosen.count);
         gather.near.sort_unstable_by_key(Near::name);
-        (gather.radius_m, gather.area_m2) = (chosen.radius_m, chosen.area_m2);
+        (gather.radius_m, gather.facets) = (chosen.radius_m, chosen.facets);
     }
 }
 
@@ -305,21 +316,37 @@ impl PhotonMaps {
 struct Estimate {
     count: usize,
     radius_m: f32,
-    area_m2: f32,
+    facets: Facets,
 }
 
-/// Luminances of some photons: their sum, W, and the sum of their squares, W².
+/// The surfaces of a gather, and the direction that its light is asked for.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    facets: Facets,
+    normal: Vec3,
+}
+
+impl Seen {
+    /// Irradiance of what faces the normal for each watt that falls on the surfaces from a unit direction, 1/m²: the flux over
+    /// the area that the light sees of them is the irradiance of what faces the light.
+    fn irradiance_of(&self, direction: Vec3) -> f32 {
+        let cos = self.normal.dot(direction).max(0.0);
+        cos / (self.facets.area_m2 * self.facets.mean_cos(direction).max(COS_MIN))
+    }
+}
+
+/// What some photons bring, in luminance: the sum, and the sum of the squares.
 #[derive(Clone, Copy, Debug, Default)]
-struct FluxSums {
-    flux: f64,
+struct LightSums {
+    sum: f64,
     squares: f64,
 }
 
-impl FluxSums {
-    fn add(&mut self, photon: &MapPhoton) {
-        let flux = f64::from(photon.flux.luminance());
-        self.flux += flux;
-        self.squares += flux * flux;
+impl LightSums {
+    fn add(&mut self, luminance: f32) {
+        let luminance = f64::from(luminance);
+        self.sum += luminance;
+        self.squares += luminance * luminance;
     }
 }
 
@@ -335,10 +362,12 @@ impl Agreement {
 
     /// Some irradiance agrees with one more estimate as well. Photons fall by chance, each by itself, so that the variance of
     /// their sum is about the sum of their squares.
-    fn admits(&mut self, sums: &FluxSums, area_m2: f32) -> bool {
-        let area_m2 = f64::from(area_m2);
-        let irradiance = sums.flux / area_m2;
-        let slack = AGREES_SIGMA * sums.squares.sqrt() / area_m2;
+    ///
+    /// - `share`: of the area that the sums are per
+    fn admits(&mut self, sums: &LightSums, share: f32) -> bool {
+        let share = f64::from(share);
+        let irradiance = sums.sum / share;
+        let slack = AGREES_SIGMA * sums.squares.sqrt() / share;
         self.least = self.least.max(irradiance - slack);
         self.most = self.most.min(irradiance + slack);
         self.least <= self.most

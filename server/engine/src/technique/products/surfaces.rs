@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::{
     crease::CreaseSurfaces,
-    extent::Extent,
+    extent::{Extent, Facets},
     gather::{GatherBounds, Reach},
 };
 use crate::{
@@ -130,13 +130,13 @@ impl Surfaces {
         self.instances[instance as usize].crease.surface_of(triangle)
     }
 
-    /// Area of what a side of a surface turns to the gather's normal, within a cosine of it, in the ellipsoid around its
-    /// middle, m².
-    pub(super) fn area_within(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> f32 {
+    /// What a side of a surface turns to the gather's normal, within a cosine of it, in the ellipsoid around its middle.
+    pub(super) fn within(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> Facets {
         let (instance, surface) = self.place_of(side.surface());
         let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
         let bounds = GatherBounds { normal, ..*bounds };
-        self.instances[instance].area_within(surface, &bounds, reach)
+        let front = self.instances[instance].within(surface, &bounds, reach);
+        if side.is_front() { front } else { front.turned() }
     }
 
     /// Area of a surface, m².
@@ -207,9 +207,9 @@ impl InstanceSurfaces {
         )
     }
 
-    fn area_within(&self, surface: u32, bounds: &GatherBounds, reach: Reach) -> f32 {
+    fn within(&self, surface: u32, bounds: &GatherBounds, reach: Reach) -> Facets {
         let corners = |triangle| corners(&self.instance, triangle);
-        self.surfaces[surface as usize].area_within(bounds, reach, corners)
+        self.surfaces[surface as usize].within(bounds, reach, corners)
     }
 }
 

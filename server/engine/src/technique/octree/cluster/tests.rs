@@ -26,7 +26,7 @@ fn lamps(key: u64, photon_count: u32, lamp_count: u32, cone: f32) -> Vec<Gathere
 
 fn cluster(photons: &[GatheredPhoton], count_max: usize, key: u64) -> (Vec<Vdl>, Spread) {
     let mut vdls = Vec::new();
-    let spread = Clustering::default().cluster(photons, count_max, key, &mut vdls);
+    let spread = Clustering::default().cluster(photons, Vec3::ZERO, count_max, key, &mut vdls);
     (vdls, spread)
 }
 
