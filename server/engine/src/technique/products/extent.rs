@@ -31,15 +31,23 @@ impl Facets {
 
     /// Mean over the piece of the cosine with which light from the unit direction `wi` meets it, 0 on what faces away from it.
     ///
-    /// max(c, 0) = (c + |c|) / 2, and c has the mean wi · v, with v = Σ A n / Σ A; |c| is about √(mean² + 2/π · variance), with
-    /// the variance of normals that lie around v the same in all directions, (1 − |v|²) / 2 to either side. Exact where all
-    /// faces one way; where light grazes a bent piece within 0.03.
+    /// Cosines are taken to lie evenly around their mean wi · v, with v = Σ A n / Σ A, as far as their variance says: that of
+    /// normals that lie around v the same in all directions, (1 − |v|²) / 2 to either side. Exact where all face the light, and
+    /// where all face one way; else within 0.03.
     pub(super) fn mean_cos(&self, wi: Vec3) -> f32 {
         let v = self.facing_m2 / self.area_m2;
         let mean = wi.dot(v);
         let length2 = v.length_squared().min(1.0);
-        let across = 0.5 * (1.0 - length2) * (1.0 - mean * mean / length2.max(f32::MIN_POSITIVE)).max(0.0);
-        0.5 * (mean + (mean * mean + across * std::f32::consts::FRAC_2_PI).sqrt())
+        let across = (1.0 - mean * mean / length2.max(f32::MIN_POSITIVE)).max(0.0);
+        let reach = (1.5 * (1.0 - length2) * across).sqrt();
+        let above = mean + reach;
+        if mean >= reach {
+            mean
+        } else if above > 0.0 {
+            above * above / (4.0 * reach)
+        } else {
+            0.0
+        }
     }
 }
 
@@ -141,7 +149,8 @@ impl Extent {
         if self.nodes[place].count == 0 {
             // Part by part: a million small numbers added to a large one would lose a percent.
             let second = self.nodes[place + 1].end as usize;
-            self.nodes[place].facets = [place + 1, second].map(|part| self.nodes[part].facets).into_iter().sum();
+            self.nodes[place].facets =
+                [place + 1, second].map(|part| self.nodes[part].facets).into_iter().sum();
         }
     }
 
@@ -382,6 +391,35 @@ mod tests {
             if face.normal.dot(bounds.normal) >= facing_cos { face.area_m2 * share } else { 0.0 }
         };
         extent.faces.iter().map(of_face).sum()
+    }
+
+    /// The mean cosine is that of the parts, one by one.
+    #[test]
+    fn mean_cosines_are_those_of_the_parts() {
+        for spread in [0.0f32, 0.3, 0.7, 1.0] {
+            let normals: Vec<Vec3> = (0..1024)
+                .map(|index| {
+                    let [u, v, ..] = point(7, index);
+                    let (sin, cos) = (std::f32::consts::TAU * u).sin_cos();
+                    // Evenly over a cap: the height is.
+                    let y = 1.0 - v * (1.0 - spread.cos());
+                    let across = (1.0 - y * y).max(0.0).sqrt();
+                    Vec3::new(across * cos, y, across * sin)
+                })
+                .collect();
+            let facets: Facets =
+                normals.iter().map(|normal| Facets { area_m2: 2.0, facing_m2: 2.0 * *normal }).sum();
+            for degrees in (0..=180).step_by(5) {
+                let (sin, cos) = (degrees as f32).to_radians().sin_cos();
+                let wi = Vec3::new(sin, cos, 0.0);
+                let mean = normals.iter().map(|normal| normal.dot(wi).max(0.0)).sum::<f32>() / 1024.0;
+                let found = facets.mean_cos(wi);
+                assert!((found - mean).abs() < 0.03, "{spread} rad, {degrees}°: {found}, not {mean}");
+                if spread == 0.0 {
+                    assert!((found - mean).abs() < 1e-4, "{degrees}°: {found}, not {mean}");
+                }
+            }
+        }
     }
 
     /// A surface far smaller than the gather is cut at its rim like a large one: its photons are counted one by one.

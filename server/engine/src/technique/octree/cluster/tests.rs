@@ -79,9 +79,9 @@ fn lights_are_unit_vectors() {
 fn memory_of_other_leaves_changes_nothing() {
     let mut used = Clustering::default();
     let mut vdls = Vec::new();
-    used.cluster(&lamps(1, 500, 8, 0.4), 8, 1, &mut vdls);
+    used.cluster(&lamps(1, 500, 8, 0.4), Vec3::ZERO, 8, 1, &mut vdls);
     let before = vdls.len();
-    let spread = used.cluster(&lamps(2, 100, 3, 0.4), 4, 2, &mut vdls);
+    let spread = used.cluster(&lamps(2, 100, 3, 0.4), Vec3::ZERO, 4, 2, &mut vdls);
     assert_eq!((vdls[before..].to_vec(), spread), cluster(&lamps(2, 100, 3, 0.4), 4, 2));
 }
 
@@ -241,7 +241,7 @@ fn lights_hold_the_photons_nearest_to_them() {
 fn empty_centres_take_the_farthest_photon() {
     let mut clustering = Clustering::default();
     let photons = [Vec3::X, Vec3::X, Vec3::Y, Vec3::Z, -Vec3::Z].map(white);
-    clustering.photons.fill(&photons);
+    clustering.photons.fill(&photons, Vec3::ZERO);
     clustering.centres.count = 4;
     clustering.centres.direction = [Vec3::X; VDL_COUNT_MAX];
     // All labels are 0: three centres are empty, and three photons far away take them.
