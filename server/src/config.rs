@@ -183,8 +183,8 @@ settings! {
     frame_seconds: f64 = 2.0;
     /// Samples per pixel at which a picture rests even when its error is not reached.
     samples_max: u32 = 65_536;
-    /// Percent of the time that measuring the error of pictures may take, 1 to 50; where a viewer's target may be reached and
-    /// only doubt is left of it, as much as drawing takes.
+    /// Percent of the time that measuring the error of pictures may take, 1 to 50; at least 20 where a viewer's target may soon
+    /// be reached, and where only doubt is left of it, as much as drawing takes.
     measuring_percent: u8 = 5;
     /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
     /// them; at most 100 million. Up to four times as many where most of them leave the scene; fewer where each is kept at

@@ -181,9 +181,14 @@ mod tests {
     /// A pixel gauged with samples of which four of five are black and the others exponentially distributed: each has nine times as
     /// much variance as the square of the mean.
     fn gauged(truth: Rgb, index: usize, seed: u64, samples: u32) -> GaugedPixel {
+        gauged_by(truth, index, seed, samples, 0.2)
+    }
+
+    /// The same, with so large a share of samples that are not black.
+    fn gauged_by(truth: Rgb, index: usize, seed: u64, samples: u32, lit: f32) -> GaugedPixel {
         let sample = |half: u64, number: u32| {
             let [u, v, ..] = PixelSampler::new(2 * seed + half, 0, index as u32, number).four(0);
-            let bright = if u < 0.2 { -5.0 * f64::from(1.0 - v).ln() } else { 0.0 };
+            let bright = if u < lit { -f64::from(1.0 - v).ln() / f64::from(lit) } else { 0.0 };
             truth.to_array().map(|channel| f64::from(channel) * bright)
         };
         let mut parts = [[[0.0; 3]; GAUGED_PARTS]; 2];
@@ -296,6 +301,30 @@ mod tests {
             assert!(error.rel_mse.is_finite() && low.is_finite() && high.is_finite(), "{lit:?}: {error:?}");
             assert!(error.rel_mse > 0.3, "it may be ten times too bright, for all that is known: {error:?}");
         }
+    }
+
+    /// What is too bright in scattered shadows is weighed by how dark they are, which their own samples know well, though those of one
+    /// pixel in eleven elsewhere know next to nothing. By the mean of what all know, that would read a seventh too low.
+    #[test]
+    fn a_few_noisy_pixels_do_not_hide_what_the_others_know() {
+        // Anywhere, so that no group of pixels is told by it.
+        let is_shadow = |index: usize| (index as u32).wrapping_mul(0x9E37_79B9) >> 29 == 0;
+        let of = |index: usize, shadow: f32| Rgb::splat(if is_shadow(index) { shadow } else { 1.0 });
+        let truth: Vec<Rgb> = (0..size().pixel_count()).map(|index| of(index, 0.3)).collect();
+        let image: Vec<Rgb> = (0..size().pixel_count()).map(|index| of(index, 0.4)).collect();
+        let expected = compare(&image, &truth).unwrap().rel_mse;
+        let mut measured = RunningStatistics::default();
+        for round in 0..50 {
+            let gauge = |place: usize| {
+                let index = place * 11 / 2;
+                let lit = if index.is_multiple_of(11) && !is_shadow(index) { 0.025 } else { 1.0 };
+                gauged_by(truth[index], index, round, 256, lit)
+            };
+            let pixels: Vec<GaugedPixel> = (0..512).map(gauge).collect();
+            measured.add(measure_at(&image, size(), &pixels).unwrap().rel_mse);
+        }
+        let ratio = (measured.mean() / expected).sqrt();
+        assert!((ratio - 1.0).abs() < 0.08, "{ratio} of {}", expected.sqrt());
     }
 
     /// What is measured of a picture that is nearly right is not distorted by what noisy samples say of its weights.

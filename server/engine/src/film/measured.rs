@@ -108,16 +108,17 @@ pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
 /// that need not be positive may also be next to nothing, or less, by chance. What is then known is that the error is not
 /// negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
 ///
-/// - `doubt`: standard deviation of their mean beside that of the spread over the pixels
+/// - `doubt`: standard deviation of their mean beside that of the spread over the pixels: it widens the interval. Whether the
+///   mean is more than chance, and where it is cut, is decided without it: it grows with the errors, and a mean that is lifted by
+///   what is not known of its weights would read too high wherever that is much.
 pub(super) fn of_pixels(errors: &[f64], doubt: f64) -> MeasuredError {
     let (mean, standard_error) = mean_and_standard_error(errors);
-    let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean).hypot(doubt);
-    if deviation <= 0.0 {
+    let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean);
+    if deviation.hypot(doubt) <= 0.0 {
         return MeasuredError { rel_mse: mean.max(0.0), interval_95: [mean.max(0.0); 2], trimmed: None };
     }
-    let z = mean / deviation;
-    if z >= RESOLVED {
-        let variance = (1.0 / (z * z)).ln_1p();
+    if mean >= RESOLVED * deviation {
+        let variance = (deviation.hypot(doubt) / mean).powi(2).ln_1p();
         let (median, factor) = (mean * (-variance / 2.0).exp(), (Z * variance.sqrt()).exp());
         return MeasuredError {
             rel_mse: mean,
@@ -126,8 +127,9 @@ pub(super) fn of_pixels(errors: &[f64], doubt: f64) -> MeasuredError {
         };
     }
     // Farther below zero than this no normal distribution comes by chance.
-    let z = z.max(-3.0);
+    let z = if deviation > 0.0 { (mean / deviation).max(-3.0) } else { 0.0 };
     let [rel_mse, high] = [cut_normal_mean(z), cut_normal_quantile(z, 0.975)].map(|value| value * deviation);
+    let high = rel_mse + (high - rel_mse).hypot(Z * doubt);
     MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
 }
 

@@ -367,7 +367,8 @@ mod tests {
         };
         let mut held = 0;
         for round in 0..200u64 {
-            // As many as make the cut at zero rare, which lifts the mean.
+            // Fewer let every pixel's noise into its own weight, which lifts the mean: groups of what weighs (`weights.rs`) have
+            // a sixty-fourth of them, at least eight, and of eight it reads a sixth too much.
             let pixels: Vec<GaugedPixel> = (0..1024)
                 .map(|pixel| GaugedPixel {
                     // Of the mean of eight numbers from 0 to 2.

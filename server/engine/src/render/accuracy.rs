@@ -15,6 +15,10 @@ use crate::{
 /// An error that is measured this many times that asked for may in truth be that already, where it is known badly.
 pub(super) const DOUBTED: f64 = 1.25;
 
+/// An error that is measured this many times that asked for comes near it: measuring may then take more than its usual share of
+/// the time ([`Rendering::aim_at`]), so that enough is known by the time the picture is good enough.
+const NEAR: f64 = 2.0;
+
 impl Rendering {
     /// The error of the picture, measured; `None` while it is unknown. Of path tracing, by what the two halves of its film
     /// differ; of looked-up light, by path tracing some pixels, or, once that knows better, by the path-traced film in it.
@@ -64,6 +68,7 @@ impl Rendering {
             let spent = self.spent_rays();
             (self.target, self.is_doubted) = (target, false);
             if let Some(measuring) = &mut self.measuring {
+                measuring.is_near_target = false;
                 measuring.forget_grants(spent);
             }
         }
@@ -104,7 +109,11 @@ impl Rendering {
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
             self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
-            self.is_doubted = self.is_doubtful();
+            let measured = self.measured_error();
+            let is_near = |target| measured.is_some_and(|measured| measured.error() <= NEAR * target);
+            let is_near = self.target.is_some_and(is_near);
+            self.measuring.iter_mut().for_each(|measuring| measuring.is_near_target = is_near);
+            self.is_doubted = self.is_doubtful(measured.as_ref());
             let spent = self.spent_rays();
             if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
                 measuring.forget_grants(spent);
@@ -124,9 +133,8 @@ impl Rendering {
 
     /// The picture may be as good as asked for, and only the measure is too uncertain to say so: then measuring gets as much work
     /// as drawing.
-    fn is_doubtful(&self) -> bool {
+    fn is_doubtful(&self, measured: Option<&MeasuredError>) -> bool {
         let Some(target) = self.target.filter(|_| self.knows_its_light()) else { return false };
-        let measured = self.measured_error();
         measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !measured.reaches(target))
     }
 }
