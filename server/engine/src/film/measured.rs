@@ -117,14 +117,17 @@ pub(super) fn of_pixels(errors: &[f64], doubt: f64) -> MeasuredError {
     if deviation.hypot(doubt) <= 0.0 {
         return MeasuredError { rel_mse: mean.max(0.0), interval_95: [mean.max(0.0); 2], trimmed: None };
     }
-    if mean >= RESOLVED * deviation {
-        let variance = (deviation.hypot(doubt) / mean).powi(2).ln_1p();
-        let (median, factor) = (mean * (-variance / 2.0).exp(), (Z * variance.sqrt()).exp());
-        return MeasuredError {
-            rel_mse: mean,
-            interval_95: [median / factor, median * factor],
-            trimmed: None,
+    if mean > 0.0 && mean >= RESOLVED * deviation {
+        let bounds = |deviation: f64| {
+            let variance = (deviation / mean).powi(2).ln_1p();
+            let (median, factor) = (mean * (-variance / 2.0).exp(), (Z * variance.sqrt()).exp());
+            [median / factor, median * factor]
         };
+        let [low, _] = bounds(deviation.hypot(doubt));
+        // A lognormal distribution of one mean has its quantile fall again as its deviation grows beyond all bounds.
+        let [_, high] = bounds(deviation);
+        let high = mean + (high - mean).hypot(Z * doubt);
+        return MeasuredError { rel_mse: mean, interval_95: [low, high], trimmed: None };
     }
     // Farther below zero than this no normal distribution comes by chance.
     let z = if deviation > 0.0 { (mean / deviation).max(-3.0) } else { 0.0 };

@@ -22,6 +22,11 @@ const CHANCE: f64 = 4.0;
 /// picture that was right read 25 % with 16 samples of which one in five found light.
 const PIXELS_CHANCE: f64 = 9.0;
 
+/// A pixel's find is known by its own samples once its mean is as many times its deviation as the root of this: by some that found
+/// light, not by one or none. Before, its noise is taken for that of all pixels: at a hundredth of the light's pixels, each finding
+/// light with one sample in fifty, a right picture would read 100 % and more.
+const EVIDENT: f64 = 16.0;
+
 /// Share of a group's difference that is believed, as more than chance: with z in standard deviations z⁴ / (z⁴ + 4²).
 fn belief(difference: f64, variance: f64) -> f64 {
     let (signal, noise) = (difference.powi(4), (CHANCE * variance).powi(2));
@@ -37,6 +42,8 @@ pub(super) struct Standing {
     doubt: f64,
     /// Relative variance of what a pixel finds, as usual: few samples of one may have found no light at all, and agree on that.
     usual: f64,
+    /// The same of the mean over all, which counts where its own samples say little.
+    typical: f64,
     /// 0.01·m̄², m̄ the mean of the truth.
     floor: f64,
 }
@@ -98,6 +105,7 @@ impl Weights {
                 around: one.shown[c],
                 doubt: one.doubt[c],
                 usual: usual[c],
+                typical: typical[c],
                 floor,
             })
         };
@@ -145,9 +153,11 @@ impl Standing {
     /// as that is surely wrong, what was `found` in its place.
     pub(super) fn weight(&self, found: Option<Found>) -> f64 {
         let Some(found) = found else { return 1.0 / (self.around * self.around + self.floor) };
-        let usual = self.usual / found.samples_share;
+        // What seldom finds light may agree with itself by chance alone.
+        let is_evident = found.variance * EVIDENT <= found.mean * found.mean;
+        let least = if is_evident { self.usual } else { self.typical.max(self.usual) } / found.samples_share;
         let off = found.mean - self.around;
-        let chance = PIXELS_CHANCE * found.variance.max(usual * self.around * self.around);
+        let chance = PIXELS_CHANCE * found.variance.max(least * self.around * self.around);
         let truth =
             if off * off > chance { self.around + off * (1.0 - chance / (off * off)) } else { self.around };
         1.0 / (truth * truth + self.floor)

@@ -46,12 +46,16 @@ impl Rendering {
         let passes = f64::from(self.passes());
         match &self.outlook {
             Some(outlook) if !learns && self.knows_its_light() => {
+                let measuring_share = match &self.measuring {
+                    Some(measuring) => measuring.share_of_rays(),
+                    None => self.settings.measuring.of_rays(),
+                };
                 let way = Way {
                     outlook,
                     measured,
                     target,
                     rays,
-                    measuring_share: self.settings.measuring.of_rays(),
+                    measuring_share,
                     is_aimed_at: self.target.is_some_and(|own| (own - target).abs() < 1e-6),
                     traces: self.settings.indirect == Indirect::Auto,
                 };
@@ -68,7 +72,7 @@ impl Rendering {
             let spent = self.spent_rays();
             (self.target, self.is_doubted) = (target, false);
             if let Some(measuring) = &mut self.measuring {
-                measuring.is_near_target = false;
+                measuring.set_near(false, spent);
                 measuring.forget_grants(spent);
             }
         }
@@ -112,9 +116,9 @@ impl Rendering {
             let measured = self.measured_error();
             let is_near = |target| measured.is_some_and(|measured| measured.error() <= NEAR * target);
             let is_near = self.target.is_some_and(is_near);
-            self.measuring.iter_mut().for_each(|measuring| measuring.is_near_target = is_near);
             self.is_doubted = self.is_doubtful(measured.as_ref());
             let spent = self.spent_rays();
+            self.measuring.iter_mut().for_each(|measuring| measuring.set_near(is_near, spent));
             if let Some(measuring) = self.measuring.as_mut().filter(|_| !self.is_doubted) {
                 measuring.forget_grants(spent);
             }

@@ -31,7 +31,7 @@ const DECIDED_GROWTH: f64 = 0.125;
 /// More pixels instead of more samples for those there are, once their errors differ by more than by what is not known of each, and
 /// with so many samples in any case: at equal cost that leaves the least doubt of the mean.
 const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
-/// Pixels below which their spread is not believed, and more are taken: on bunny-room a hundredth of the pixels hold half of the
+/// Pixels below which their spread is not believed, and more are taken, or half of all there are: on bunny-room a hundredth of the pixels hold half of the
 /// squared error, and 132 that had met none of those looked as if they needed only more samples.
 const PIXELS_ENOUGH: usize = 512;
 /// Share of noise in where error is expected. With two thirds of it the relative variance of the mean was about the least on each of
@@ -71,8 +71,11 @@ impl Default for MeasuringShare {
 pub(super) struct Measuring {
     gauge: Gauge,
     share: MeasuringShare,
-    /// The picture may soon be as good as asked for: to find that out is part of the job.
-    pub(super) is_near_target: bool,
+    /// Rays that had been spent when the picture came near what is asked for, if it has: to find out whether it is there is part of
+    /// the job.
+    near_since: Option<u64>,
+    /// Rays that were due beside its share while pictures before were near.
+    near_rays: u64,
     rays: u64,
     /// Rays that it may take beside its share, because its doubt is all that keeps a picture from being done.
     granted: u64,
@@ -93,7 +96,8 @@ impl Measuring {
         Measuring {
             gauge: Gauge::new(settings, size),
             share,
-            is_near_target: false,
+            near_since: None,
+            near_rays: 0,
             rays: 0,
             granted: 0,
             samples_enough: SAMPLES_ENOUGH[0],
@@ -111,7 +115,8 @@ impl Measuring {
     fn choose_pixels_or_samples(&mut self, image: &[Rgb], size: PictureSize) {
         let [least, most] = SAMPLES_ENOUGH;
         let pixels = self.gauge.pixels();
-        let is_wide = pixels.len() < PIXELS_ENOUGH || wants_more_pixels(image, size, &pixels);
+        let is_wide = pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2)
+            || wants_more_pixels(image, size, &pixels);
         self.samples_enough = if is_wide { self.gauge.samples_max().clamp(least, most) } else { most };
     }
 
@@ -130,8 +135,29 @@ impl Measuring {
     }
 
     fn of_share(&self, rays_spent: u64) -> u64 {
-        let least = if self.is_near_target { NEAR_SHARE } else { self.share };
-        (self.share.max(least).of_rays() * rays_spent as f64) as u64
+        (self.share.of_rays() * rays_spent as f64) as u64 + self.near_rays + self.of_nearness(rays_spent)
+    }
+
+    /// What is due beside its share since the picture came near.
+    fn of_nearness(&self, rays_spent: u64) -> u64 {
+        let more = (NEAR_SHARE.of_rays() - self.share.of_rays()).max(0.0);
+        self.near_since.map_or(0, |since| (more * rays_spent.saturating_sub(since) as f64) as u64)
+    }
+
+    /// From now on the picture is, or is not, one that may soon be as good as asked for.
+    pub(super) fn set_near(&mut self, is_near: bool, rays_spent: u64) {
+        if !is_near {
+            self.near_rays += self.of_nearness(rays_spent);
+            self.near_since = None;
+        } else if self.near_since.is_none() {
+            self.near_since = Some(rays_spent);
+        }
+    }
+
+    /// Share of the rays that it takes at present.
+    pub(super) fn share_of_rays(&self) -> f64 {
+        let share = self.share.of_rays();
+        if self.near_since.is_some() { share.max(NEAR_SHARE.of_rays()) } else { share }
     }
 
     /// Measures until its share of `rays_spent`, and what it was granted, is used up.
@@ -201,8 +227,8 @@ impl Measuring {
 /// within less than it resolves.
 ///
 /// Both are relative to what is shown, as the error is, and smoothed: of few samples the variance is itself hardly known. Each has
-/// a fixed part of the chance, however large it is: when one says nothing of where the error is, half as many pixels as without it
-/// are still drawn by the other. And of edges it is told how sharp they are, not how much brighter the other side is: beside a
+/// a fixed part of the chance, however large it is: when one says nothing of where the error is, the other's part of the pixels is
+/// still drawn well. And of edges it is told how sharp they are, not how much brighter the other side is: beside a
 /// bright wall what is black, and has no error, would else be drawn more often than all the rest.
 fn expected_error(film: &Film) -> Vec<f32> {
     let shown: Vec<f32> = film.radiance().iter().map(|colour| colour.luminance()).collect();
@@ -214,7 +240,8 @@ fn expected_error(film: &Film) -> Vec<f32> {
     let width = film.size().width() as usize;
     let relative = |index: usize, value: f32| {
         let scale = shown[index].powi(2) + floor;
-        if scale > 0.0 { (value / scale).min(f32::MAX / shown.len() as f32) } else { 0.0 }
+        let relative = value / scale;
+        if relative >= 0.0 { relative.min(f32::MAX / shown.len() as f32) } else { 0.0 }
     };
     let noise = (0..shown.len()).map(|index| relative(index, spread * variance[index])).collect();
     let shapes = (0..shown.len())
@@ -233,15 +260,17 @@ fn expected_error(film: &Film) -> Vec<f32> {
 /// Mean squared difference of a pixel's luminance from those next to it, each over the sum of the two's squares; nothing where the
 /// pixel is black.
 fn sharpness(shown: &[f32], width: usize, index: usize, floor: f32) -> f32 {
-    let own = shown[index];
+    let own = f64::from(shown[index]);
     if own <= 0.0 {
         return 0.0;
     }
     let others = around(index, width, shown.len() / width, [[0, 1], [2, 1], [1, 0], [1, 2]]);
-    let squares =
-        others.map(|other| (shown[other] - own).powi(2) / (shown[other].powi(2) + own * own + floor));
+    let squares = others.map(|other| {
+        let other = f64::from(shown[other]);
+        (other - own).powi(2) / (other * other + own * own + f64::from(floor))
+    });
     let (sum, count) = squares.fold((0.0, 0.0), |(sum, count), square| (sum + square, count + 1.0));
-    sum / f32::max(count, 1.0)
+    (sum / f64::max(count, 1.0)) as f32
 }
 
 /// Half of each pixel's value, and half of the mean of the 3 × 3 pixels around.
@@ -500,9 +529,14 @@ mod tests {
         };
         for (percent, near) in [(5, 120_000), (50, 300_000)] {
             let mut measuring = of(percent);
-            assert_eq!(measuring.due(1_000_000), u64::from(percent) * 6_000);
-            measuring.is_near_target = true;
-            assert_eq!(measuring.due(1_000_000), near);
+            let usual = u64::from(percent) * 6_000;
+            assert_eq!(measuring.due(1_000_000), usual);
+            measuring.set_near(true, 1_000_000);
+            assert_eq!(measuring.due(1_000_000), usual, "only from now on");
+            assert_eq!(measuring.due(2_000_000), usual + near);
+            measuring.set_near(true, 1_500_000);
+            measuring.set_near(false, 2_000_000);
+            assert_eq!(measuring.due(3_000_000), 2 * usual + near, "what was taken is not held against it");
         }
     }
 

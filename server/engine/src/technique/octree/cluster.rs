@@ -47,7 +47,8 @@ pub struct Vdl {
 /// How well the lights stand for the photons.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Spread {
-    /// Luminance-weighted root mean square chord between a photon's direction and its light's, 0 to 2.
+    /// Root mean square chord between a photon's direction and its light's, 0 to 2; weighted by the luminance that each brings to what
+    /// faces it.
     pub(super) chord_rms: f32,
     /// Photons left out because their direction is not a unit vector or their irradiance not a finite positive number.
     pub(super) dropped_count: u32,
@@ -234,7 +235,7 @@ impl Photons {
             }
             let luminance = photon.irradiance.luminance();
             if luminance > 0.0 {
-                let weight = luminance / n_set.dot(photon.direction).max(COSINE_MIN);
+                let weight = (luminance / n_set.dot(photon.direction).max(COSINE_MIN)).min(f32::MAX);
                 brightest = brightest.max(weight);
                 self.push(photon, weight);
             }

@@ -37,7 +37,7 @@ pub struct Harmonics {
 impl Harmonics {
     /// The light field that photons on a surface are a sample of.
     ///
-    /// A photon's irradiance is radiance × solid angle × cosine to the surface it landed on, so that
+    /// A photon's irradiance is radiance × solid angle × cosine to `n_set`, so that
     /// ∫ L Y dω = Σ E Y / cos. Biased: the division stops at a cosine of 0.1, and bands above 2 are cut off.
     ///
     /// - `photons`: their directions point to where the light comes from; unsound ones are left out

@@ -213,8 +213,7 @@ struct LeafGather {
 const SHEET_CELLS: f32 = 0.25;
 /// Softens lights of a single direction.
 const SOFTNESS_MIN: f32 = 4.0 * GRAZING;
-/// Lights from below the horizon of their group count as if their soft cosine with it were this: what it is at least on
-/// the horizon.
+/// Least soft cosine of a light with its group: that on the horizon.
 const GRAZING: f32 = 0.1;
 
 impl LightOctree {
@@ -340,7 +339,8 @@ impl LightOctree {
         best.map(|(place, squared)| (place, 1.0 / (1.0 + squared * squared)))
     }
 
-    /// Irradiance by class, in the order of [`super::MAPPED`], on a surface at `p` that faces `n`, W/m².
+    /// Irradiance by class, in the order of [`super::MAPPED`], at `p`, W/m²: of the groups there that face like `n`, along their own
+    /// normals.
     pub fn irradiance(&self, p: Vec3, n: Vec3) -> [Rgb; 2] {
         let mut irradiance = [Rgb::BLACK; 2];
         self.around(p, n, |weight, set, _| {
@@ -410,7 +410,7 @@ impl Shading<'_> {
         self.surface.bsdf.diffuse_of_even_light(self.wo_local) * irradiance
     }
 
-    /// What the diffuse lobe sends to the eye of some lights. Photons count flux per area of their group's surface; a
+    /// What the diffuse lobe sends to the eye of some lights. They are known by what they bring to their group's normal; a
     /// surface that leans towards a light more than the group gets more of it.
     #[inline]
     fn response(&self, vdls: &[ShadedVdl], softness: Softness) -> Rgb {

@@ -232,12 +232,13 @@ impl Set {
             (stratum as f64 + f64::from(u)) / count
         };
         let mut points: Vec<Point> = Vec::with_capacity(count as usize);
-        let (mut before, mut last) = (0.0, (0, 0));
+        let (mut before, mut last, mut wanted_next) = (0.0, (0, 0), next(0));
         for (x, y) in places() {
             let chance = chance(x, y);
             before += chance;
-            while (points.len() as f64) < count && next(points.len()) < before {
+            while (points.len() as f64) < count && wanted_next < before {
                 points.push(Point::new((x, y), chance * pixel_count));
+                wanted_next = next(points.len());
             }
             last = (x, y);
         }

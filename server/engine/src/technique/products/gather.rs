@@ -2,7 +2,7 @@
 //!
 //! Density estimate E = Σ Φⱼ cos⁺(ωⱼ, n) / Σᵢ Aᵢ cos⁺(ωⱼ, nᵢ) over the photons within the distance r of the k-th nearest,
 //! where the sum over i is of their own surfaces within that distance, Φⱼ over the area that the light of photon j saw. On a
-//! flat surface this is Σ Φⱼ / A [Jensen1996; Larsen2004, 8.1], exact at borders and in corners, where a disc πr² would hang
+//! flat surface, for what does not graze it, this is Σ Φⱼ / A [Jensen1996; Larsen2004, 8.1], exact at borders and in corners, where a disc πr² would hang
 //! off the surface; on a column, whose sides get light from different directions, each shows the light it faces, not the mean
 //! of all. Distances along the normal count more, so that the sphere is a flat ellipsoid. The k-th photon
 //! defines r and does not count itself, which makes the estimate unbiased for even light. **Biased**: blurs over r.
@@ -104,8 +104,9 @@ const WIDER: usize = 3;
 /// for change.
 const AGREES_SIGMA: f64 = 2.0;
 
-/// Least cosine that the light of a photon meets its surface with: what grazes more counts as if it grazed so much.
-const COS_MIN: f32 = 0.03;
+/// Least mean cosine that light meets the surfaces of a gather with: what grazes more counts as if it grazed so much, and no photon
+/// for more than twenty times its flux per area. Costs even light on a plane 0.25 % of its irradiance.
+const COS_MIN: f32 = 0.05;
 
 /// A side counts as dark if it has at most this share of the photons that it would have if all sides were lit alike …
 const DARK_SHARE: f32 = 1.0 / 16.0;
@@ -274,9 +275,7 @@ impl PhotonMaps {
         gather.near.sort_unstable_by(Near::by_distance);
         let narrowest_m = if bounds.is_content() { NARROWEST * bounds.radius_m } else { 0.0 };
         let widest = Estimate { count: all, radius_m: gather.radius_m, facets: gather.facets };
-        // All estimates weigh photons alike.
-        let seen = Seen { facets: gather.facets, normal: bounds.normal };
-        let (mut sums, mut summed) = (LightSums::default(), 0);
+        let mut summed = 0;
         let mut agreement = Agreement::ANY;
         let mut chosen = None;
         while summed < all {
@@ -290,14 +289,17 @@ impl PhotonMaps {
                 let facets = lit.map(|side| self.surfaces.within(*side, bounds, reach)).sum();
                 Estimate { count, radius_m, facets }
             };
-            let photons = gather.near[summed..estimate.count].iter();
-            for photon in photons.filter_map(|near| near.of(&self.sides[class])) {
+            // Each estimate is what a gather of its photons alone would find, by the surfaces that they lie on.
+            let seen = Seen { facets: estimate.facets, normal: bounds.normal };
+            let mut sums = LightSums::default();
+            for photon in gather.near[..estimate.count].iter().filter_map(|near| near.of(&self.sides[class]))
+            {
                 sums.add(photon.flux.luminance() * seen.irradiance_of(octahedral::decode(photon.direction)));
             }
             summed = estimate.count;
             // Photons at one point have no area around them.
             if estimate.radius_m > narrowest_m && estimate.facets.area_m2 > 0.0 {
-                if !agreement.admits(&sums, estimate.facets.area_m2 / widest.facets.area_m2) {
+                if !agreement.admits(&sums) {
                     break;
                 }
                 chosen = Some(estimate);
@@ -362,12 +364,9 @@ impl Agreement {
 
     /// Some irradiance agrees with one more estimate as well. Photons fall by chance, each by itself, so that the variance of
     /// their sum is about the sum of their squares.
-    ///
-    /// - `share`: of the area that the sums are per
-    fn admits(&mut self, sums: &LightSums, share: f32) -> bool {
-        let share = f64::from(share);
-        let irradiance = sums.sum / share;
-        let slack = AGREES_SIGMA * sums.squares.sqrt() / share;
+    fn admits(&mut self, sums: &LightSums) -> bool {
+        let irradiance = sums.sum;
+        let slack = AGREES_SIGMA * sums.squares.sqrt();
         self.least = self.least.max(irradiance - slack);
         self.most = self.most.min(irradiance + slack);
         self.least <= self.most

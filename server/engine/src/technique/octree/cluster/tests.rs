@@ -275,3 +275,22 @@ fn nearly_unit_directions_give_unit_lights() {
         assert!(vdls.iter().all(|vdl| (vdl.direction.length() - 1.0).abs() < 1e-6), "{key}: {vdls:?}");
     }
 }
+
+/// One light lights surfaces of any normal like its photons, as long as all lie above the horizon: its direction is that of
+/// Σ E ω / cos, not of Σ E ω.
+#[test]
+fn grazing_photons_count_by_what_they_bring_to_what_faces_them() {
+    let at = |degrees: f32| Vec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+    let directions = [at(10.0), at(70.0)];
+    // As much light from either.
+    let photons =
+        directions.map(|direction| GatheredPhoton { direction, irradiance: Rgb::splat(direction.z) });
+    let mut vdls = Vec::new();
+    Clustering::default().cluster(&photons, Vec3::Z, 1, 0, &mut vdls);
+    assert!(vdls[0].direction.distance(at(40.0)) < 1e-5, "{}", vdls[0].direction);
+    for normal in [at(0.0), at(20.0), at(-15.0), at(60.0)] {
+        let of_photons: f32 = directions.iter().map(|direction| direction.dot(normal)).sum();
+        let of_light = vdls[0].irradiance.r * vdls[0].direction.dot(normal) / vdls[0].direction.z;
+        assert!((of_light - of_photons).abs() < 1e-4, "{normal}: {of_light}, not {of_photons}");
+    }
+}

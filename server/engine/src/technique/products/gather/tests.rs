@@ -109,9 +109,9 @@ fn even_light_is_not_narrowed() {
 fn estimates_agree_within_their_noise() {
     let mut agreement = Agreement::ANY;
     let mut sums = LightSums::default();
-    assert!(agreement.admits(&sums, 1.0), "no light");
-    sums.sum = 1e3;
-    assert!(!agreement.admits(&sums, 1e-6), "light where there is none");
+    assert!(agreement.admits(&sums), "no light");
+    sums.sum = 1e9;
+    assert!(!agreement.admits(&sums), "light where there is none");
 }
 
 /// A ball in parallel light shows it by the cosine at every angle, though a gather reaches 26° and more around the ball: the
@@ -126,7 +126,7 @@ fn bent_surfaces_show_the_light_they_face() {
     const COUNT: u64 = 1500;
     const ROUNDS: u64 = 60;
     let angles = [0.0f32, 30.0, 60.0];
-    let mut found = [0.0f32; 3];
+    let (mut found, mut narrowed) = ([0.0f32; 3], 0);
     for round in 0..ROUNDS {
         let mut normals = HashMap::new();
         let mut all = Vec::new();
@@ -158,14 +158,15 @@ fn bent_surfaces_show_the_light_they_face() {
                 count_min: count,
                 count_max: count,
                 radius_max_m: 4.0,
-                count_narrow: count,
+                count_narrow: NonZeroUsize::new(16).unwrap(),
             };
             let mut gather = Gather::default();
             maps.gather(PathClass::Indirect, &[side], &bounds, &mut gather);
-            assert!(gather.radius_m > 0.4, "{}", gather.radius_m);
+            narrowed += u32::from(gather.radius_m < 0.4);
             *sum += gather.irradiance().luminance() / ROUNDS as f32;
         }
     }
+    assert!(narrowed <= 9, "{narrowed} of 180");
     for (angle, found) in angles.into_iter().zip(found) {
         let expected = angle.to_radians().cos();
         assert!((found / expected - 1.0).abs() < 0.025, "{angle}°: {found} for {expected}");
