@@ -20,9 +20,10 @@ const SCENE: &str = "/v1/scenes/cornell-box";
 
 /// How far the least memory of the last third may lie above the least of the third before. Memory swings by 50 MB, up and down
 /// (64 to 140 MB in 200 edits, without a trend: passes under way, and pages that allocators keep), so one reading against
-/// another says nothing; what leaks lifts the least too. A leak of the three films an edit makes anew (160 or, path-traced
+/// another says nothing; what leaks lifts the least too. Measured: -4 to +35 MB at 40 edits (six seeds), while all is still
+/// warming up, +18 at 150. A leak of the three films an edit makes anew (160 or, path-traced
 /// beside, 320 bytes a pixel, 5.4 MB or more) adds 70 MB from one third to the next at 40 edits, 360 MB at 200.
-const GROWTH_BYTES_MAX: u64 = 40 << 20;
+const GROWTH_BYTES_MAX: u64 = 60 << 20;
 
 /// Index of the viewer that stops reading for the middle third.
 const STALLED: usize = 2;
