@@ -26,10 +26,19 @@ impl Server {
     /// # Panics
     /// When it ends or says nothing.
     pub fn start<S: AsRef<OsStr>>(args: &[S]) -> Server {
+        Server::start_with(args, &[])
+    }
+
+    /// The same with more variables in its environment.
+    ///
+    /// # Panics
+    /// When it ends or says nothing.
+    pub fn start_with<S: AsRef<OsStr>>(args: &[S], environment: &[(&str, &str)]) -> Server {
         let started = Instant::now();
         let mut child = Command::new(program("lumicast"))
             .args(["serve", "--listen", "127.0.0.1:0"])
             .args(args)
+            .envs(environment.iter().copied())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

@@ -49,8 +49,9 @@ pub struct RenderArgs {
     /// percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
-    /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is asked for and the
-    /// picture comes near it, measuring takes at least 20%, and as much as drawing once only doubt is left of whether it is reached. path measures itself and takes nothing
+    /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is
+    /// asked for and the picture comes near it, measuring takes at least 20%, and as much as drawing once only doubt
+    /// is left of whether it is reached. path measures itself and takes nothing
     #[arg(long, value_name = "PERCENT", default_value = "5%", value_parser = parse_measuring)]
     pub measuring: MeasuringShare,
     /// Stop at this many samples per pixel
