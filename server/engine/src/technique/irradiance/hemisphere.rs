@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::{IrradianceSettings, record::Gradient};
+use super::{Facing, IrradianceSettings, record::Gradient};
 use crate::{
     accel::{Ray, SurfacePoint},
     math::{Frame, Rgb, sobol},
@@ -68,6 +68,8 @@ impl Half {
 struct Gathering<'a> {
     world: &'a World,
     point: &'a SurfacePoint,
+    /// Of the triangle, on the side that receives.
+    n_geo: Vec3,
     arriving: &'a dyn ArrivingLight,
     frame: Frame,
     rings: usize,
@@ -93,7 +95,10 @@ impl Gathering<'_> {
                 let sampler =
                     sobol::PixelSampler::new(self.key, GATHER_SEQUENCE, (self.key >> 32) as u32, number);
                 let radiance = self.arriving.radiance(self.world, ray, met, &sampler, counts);
-                let nearness = met.map_or(0.0, |hit| 1.0 / hit.t.max(self.nearest_m));
+                // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
+                // triangle beside from within at no distance, says nothing of how light changes along the surface.
+                let is_before = ray.direction.dot(self.n_geo) > 0.0;
+                let nearness = met.filter(|_| is_before).map_or(0.0, |hit| 1.0 / hit.t.max(self.nearest_m));
                 (if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness)
             })
             .collect()
@@ -157,20 +162,30 @@ impl Hemisphere {
     pub(super) fn sample(
         world: &World,
         point: &SurfacePoint,
-        n: Vec3,
+        facing: &Facing,
         settings: &IrradianceSettings,
         visit: u32,
         arriving: &dyn ArrivingLight,
         counts: &mut Counts,
     ) -> Hemisphere {
         let (rings, sectors) = settings.strata();
-        let frame = Frame::around(n);
+        let frame = Frame::around(facing.normal);
         // A record depends on its place alone, not on when it was made.
         let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
         let key = place.fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(bits)));
         let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
-        let mut gathering =
-            Gathering { world, point, arriving, frame, rings, sectors, key, nearest_m, sent: 0 };
+        let mut gathering = Gathering {
+            world,
+            point,
+            n_geo: facing.n_geo,
+            arriving,
+            frame,
+            rings,
+            sectors,
+            key,
+            nearest_m,
+            sent: 0,
+        };
         let cells: Vec<usize> = (0..rings * sectors).collect();
         let mut halves = [Half::of(cells.len()), Half::of(cells.len())];
         for half in &mut halves {

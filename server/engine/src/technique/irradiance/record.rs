@@ -130,11 +130,10 @@ impl Record {
         arriving: &dyn ArrivingLight,
         counts: &mut Counts,
     ) -> Record {
-        let n = facing.normal;
-        let hemisphere = Hemisphere::sample(world, point, n, settings, 0, arriving, counts);
+        let hemisphere = Hemisphere::sample(world, point, facing, settings, 0, arriving, counts);
         let mut record = Record {
             position: point.position,
-            normal: n,
+            normal: facing.normal,
             n_geo: facing.n_geo,
             irradiance: hemisphere.irradiance(),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
@@ -195,7 +194,7 @@ pub(super) fn refine_all(
 ) -> (Vec<Record>, Counts) {
     on_all(points.par_iter().zip(records), |(seen, record), counts| {
         let hemisphere =
-            Hemisphere::sample(world, &seen.point, seen.facing.normal, settings, visits, arriving, counts);
+            Hemisphere::sample(world, &seen.point, &seen.facing, settings, visits, arriving, counts);
         let mut record = *record;
         record.refine(visits, &hemisphere);
         record

@@ -2,15 +2,18 @@
 
 use std::{num::NonZeroUsize, sync::Arc};
 
-use glam::{DAffine3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 use super::{walk::Seen, *};
 use crate::{
     accel::{Hit, Ray, SurfacePoint},
     film::PictureSize,
-    math::sobol::{self, PixelSampler, point},
-    scene::CameraView,
+    math::{
+        sobol::{self, PixelSampler, point},
+        warp,
+    },
     scene::samples,
+    scene::{CameraView, Material},
     technique::{Products, Step, Technique},
     transport::World,
 };
@@ -112,6 +115,36 @@ fn gradients_agree_with_finite_differences() {
             }
         }
     }
+}
+
+/// A ball of few triangles with a ball's normals, in even light: some rays set out behind a triangle and meet its neighbours
+/// from within, at next to no distance. Records neither count less far for it nor lean.
+#[test]
+fn what_lies_behind_a_triangle_makes_no_record_steep() {
+    let mut stage = samples::Stage::default();
+    let grey = stage.material("grey", Material::lambert(Rgb::splat(0.5))).unwrap();
+    for (name, radius_m) in [("ball", 1.0), ("walls", 10.0)] {
+        stage.place(name, samples::sphere(DVec3::ZERO, radius_m, 12, &grey), DAffine3::IDENTITY).unwrap();
+    }
+    let world = World::prepare(Arc::new(stage.finish()));
+    let walls_shine = Painted(|p: Vec3| Rgb::splat(if p.length() > 5.0 { 1.0 } else { 0.0 }));
+    let mut leaning = 0;
+    for index in 0..200 {
+        let [u, v, ..] = point(7, index);
+        let out = warp::sphere([u, v]);
+        let ray = Ray::new(out * 5.0, -out);
+        let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+        let facing = Facing::of(&surface, out);
+        leaning += usize::from(facing.normal.dot(facing.n_geo) < 0.999);
+        let mut counts = Counts::default();
+        let record =
+            Record::gather(&world, &surface.point, &facing, 0.0, &with_rays(400), &walls_shine, &mut counts);
+        assert!(record.radius_m > 8.0, "counts as far as {} m at {out}", record.radius_m);
+        for gradient in record.moving {
+            assert!(gradient.length() * 0.5 < 0.05 * record.irradiance.mean(), "{gradient} at {out}");
+        }
+    }
+    assert!(leaning > 100, "{leaning}");
 }
 
 /// Rays that go where light is uneven take nothing from the truth on average, though most hemispheres miss a spot smaller than
