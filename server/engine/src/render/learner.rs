@@ -2,7 +2,6 @@
 
 use std::{
     collections::HashMap,
-    num::NonZeroUsize,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -75,8 +74,6 @@ impl Learner {
                 let mut of = of;
                 of.photons.emitted_count = (of.photons.emitted_count / PHOTON_DIVISOR).max(1);
                 of.octree.photon_count = (of.octree.photon_count / PHOTON_DIVISOR).max(1);
-                // Blur that one place shows does not show in the mean over many.
-                of.octree.neighbours_narrow = NonZeroUsize::MAX;
                 Some(of)
             }
         };
