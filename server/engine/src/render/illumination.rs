@@ -22,6 +22,8 @@ const ROUNDS: [Round; 3] = [
     Round { photon_divisor: 4, depth_first: 5, depth: 6 },
     Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX },
 ];
+/// Rounds that something is gathered from which takes the mean over hundreds of places, as records of irradiance do.
+const ROUNDS_GATHERED_FROM: usize = 2;
 /// Share of the paths that an edit may touch before the rounds begin again: beyond, a rough answer soon is worth more than
 /// the right one later.
 const TOUCHED_SHARE_MAX: f64 = 0.2;
@@ -128,6 +130,8 @@ pub struct IlluminationReport {
 #[derive(Debug)]
 pub struct Illumination {
     settings: IlluminationSettings,
+    /// The first of [`ROUNDS`], so many of them.
+    round_count: usize,
     photons: PhotonTracing,
     octree: OctreeBuilding,
     /// The round, by its place in [`ROUNDS`].
@@ -156,10 +160,20 @@ pub struct Illumination {
 impl Illumination {
     /// Nothing known yet.
     pub fn new(settings: IlluminationSettings) -> Illumination {
+        Self::of_rounds(ROUNDS.len(), settings)
+    }
+
+    /// Nothing known yet, and less to be known in the end: what records of irradiance are gathered from.
+    pub fn to_gather_from(settings: IlluminationSettings) -> Illumination {
+        Self::of_rounds(ROUNDS_GATHERED_FROM, settings)
+    }
+
+    fn of_rounds(round_count: usize, settings: IlluminationSettings) -> Illumination {
         let (photons, octree) = settings_of(&settings, ROUNDS[0], 0);
         let (photons, octree) = (PhotonTracing::new(photons), OctreeBuilding::new(octree));
         Illumination {
             settings,
+            round_count,
             photons,
             octree,
             round: 0,
@@ -238,7 +252,7 @@ impl Illumination {
 
     /// What is under way are rounds, and this is not the last.
     pub(super) fn is_before_last_round(&self) -> bool {
-        !self.is_cut && self.round + 1 < ROUNDS.len()
+        !self.is_cut && self.round + 1 < self.round_count
     }
 
     /// Seconds that the round will still take, by what the one before took; `None` in the first, and where none is under way.

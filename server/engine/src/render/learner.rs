@@ -21,9 +21,8 @@ use crate::{
     transport::{Source, World},
 };
 
-/// Photons of other techniques for each that records of irradiance are gathered from: a record takes the mean over hundreds
-/// of places.
-const PHOTON_DIVISOR: u32 = 4;
+/// Share of the time there is that may go into what records of irradiance are gathered from.
+const GATHERED_FROM_SHARE: f64 = 0.5;
 
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
@@ -68,20 +67,15 @@ impl Learner {
         let mut of = of;
         of.irradiance.is_paced = matches!(settings.learning, Learning::Alongside { .. });
         let illumination = match learnt {
-            Learnt::Octree => Some(of),
+            Learnt::Octree => Some(Illumination::new(of)),
             Learnt::Records if settings.bounces_max.is_some_and(|bounces| bounces <= 1) => None,
-            Learnt::Records => {
-                let mut of = of;
-                of.photons.emitted_count = (of.photons.emitted_count / PHOTON_DIVISOR).max(1);
-                of.octree.photon_count = (of.octree.photon_count / PHOTON_DIVISOR).max(1);
-                Some(of)
-            }
+            Learnt::Records => Some(Illumination::to_gather_from(of)),
         };
         Learner {
             learnt,
             settings: *settings,
             of,
-            illumination: illumination.map(Illumination::new),
+            illumination,
             records: None,
             gazes: HashMap::new(),
             known: None,
@@ -97,25 +91,30 @@ impl Learner {
         }
     }
 
-    /// It may take so many seconds from now on: what the octree would not show by then is not begun. What records are gathered from
-    /// is little, and all of it worth having.
+    /// It may take so many seconds from now on: what would not be known by then is not begun.
     pub(super) fn allow(&mut self, seconds: f64) {
-        if let Some(illumination) = self.illumination.as_mut().filter(|_| self.learnt == Learnt::Octree) {
-            illumination.allow(seconds);
+        let share = self.time_share();
+        self.illumination.iter_mut().for_each(|illumination| illumination.allow(share * seconds));
+    }
+
+    /// Share of the time there is that photons and octree may take.
+    pub(super) fn time_share(&self) -> f64 {
+        match self.learnt {
+            Learnt::Octree => 1.0,
+            Learnt::Records => GATHERED_FROM_SHARE,
         }
     }
 
-    /// The round of photons for an octree that is under way, if it is to be foreseen when it ends.
+    /// The round of photons that is under way, if it is to be foreseen when it ends.
     pub(super) fn round(&self) -> Option<RoundUnderWay> {
-        let illumination = self.illumination.as_ref().filter(|_| self.learnt == Learnt::Octree)?;
+        let illumination = self.illumination.as_ref()?;
         let seconds_left = illumination.seconds_left_of_round()?;
         Some(RoundUnderWay { seconds_left, is_followed: illumination.is_before_last_round() })
     }
 
-    /// A round of photons for an octree is over, and the next not begun.
+    /// A round of photons is over, and the next not begun.
     pub(super) fn is_between_rounds(&self) -> bool {
-        let illumination = self.illumination.as_ref().filter(|_| self.learnt == Learnt::Octree);
-        illumination.is_some_and(Illumination::is_between_rounds)
+        self.illumination.as_ref().is_some_and(Illumination::is_between_rounds)
     }
 
     /// Ends the round that is under way: what is known by now is all that there will be.

@@ -126,7 +126,7 @@ impl Rendering {
         if self.hurries {
             return Pace::Now;
         }
-        let seconds = moment.saturating_duration_since(Instant::now()).as_secs_f64();
+        let seconds = learner.time_share() * moment.saturating_duration_since(Instant::now()).as_secs_f64();
         let pace = round.pace(seconds, self.learning_share(), self.pass_seconds);
         self.hurries = pace == Pace::Now;
         pace
