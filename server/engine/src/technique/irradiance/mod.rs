@@ -61,6 +61,9 @@ pub struct IrradianceSettings {
     pub seed: u64,
 }
 
+/// Rougher records reach over so many times as many pixels at most, however much farther they count by what they see: over
+/// more, what is small is smoothed away (the dragon at 2 s: 6.0 % with four times, 5.2 % with two).
+const PIXELS_GROWTH_MAX: f32 = 2.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
@@ -86,7 +89,7 @@ impl IrradianceSettings {
     /// With records that count so many times as far.
     fn rougher(self, by: f32) -> IrradianceSettings {
         let accuracy = self.weighing.accuracy * by;
-        let pixels_min = self.pixels_min * by;
+        let pixels_min = self.pixels_min * by.min(PIXELS_GROWTH_MAX);
         IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, pixels_min, ..self }
     }
 
