@@ -227,7 +227,7 @@ impl Drawing {
             if let (Some(target), Some(measured)) =
                 (self.job.request.until.error, self.rendering.measured_error())
                 // Eight passes: four in each half, the least that says something about the spread.
-                && passes >= 8 && measured.reaches(target)
+                && passes >= 8 && measured.reaches(target) && self.rendering.confirms(target)
             {
                 return Some(DoneBy::Error);
             }

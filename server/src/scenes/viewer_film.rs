@@ -212,7 +212,9 @@ impl ViewerFilm {
     pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
         let reached = match self.measured {
-            Some(measured) if passes >= PASSES_BELIEVED && measured.reaches(wish.target_error) => true,
+            Some(measured) if passes >= PASSES_BELIEVED && measured.reaches(wish.target_error) => {
+                layer.rendering.confirms(wish.target_error) || passes >= self.samples_max(layer, rest)
+            }
             Some(_) => passes >= self.samples_max(layer, rest),
             None => passes >= PASSES_BLACK,
         };

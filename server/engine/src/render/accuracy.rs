@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::{
     Indirect, Remaining, Rendering,
-    chain::{Outlook, Spent},
+    chain::{Measuring, Outlook, Spent},
     forecast::{self, Way},
 };
 use crate::{
@@ -70,12 +70,19 @@ impl Rendering {
     pub fn aim_at(&mut self, target: Option<f64>) {
         if self.target != target {
             let spent = self.spent_rays();
-            (self.target, self.is_doubted) = (target, false);
+            (self.target, self.is_doubted, self.is_confirmed) = (target, false, false);
             if let Some(measuring) = &mut self.measuring {
+                measuring.forget_fresh_pixels();
                 measuring.set_near(false, spent);
                 measuring.forget_grants(spent);
             }
         }
+    }
+
+    /// Whether the picture surely has the error that it was last found to have reached: where that is measured at few pixels, others,
+    /// taken since then, say so too. Of errors that it is not to have ([`Rendering::aim_at`]), nothing more is known.
+    pub fn confirms(&self, target: f64) -> bool {
+        self.measuring.is_none() || self.target != Some(target) || self.is_confirmed
     }
 
     /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
@@ -114,6 +121,7 @@ impl Rendering {
             self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             let measured = self.measured_error();
+            self.confirm(measured.as_ref());
             let is_near = |target| measured.is_some_and(|measured| measured.error() <= NEAR * target);
             let is_near = self.target.is_some_and(is_near);
             self.is_doubted = self.is_doubtful(measured.as_ref());
@@ -123,6 +131,19 @@ impl Rendering {
                 measuring.forget_grants(spent);
             }
         }
+    }
+
+    /// Finds out whether the picture has the error asked for, where it seems so. What its own path-traced film says, which is a
+    /// mean over all pixels, counts at once.
+    fn confirm(&mut self, measured: Option<&MeasuredError>) {
+        self.is_confirmed = false;
+        let reached = self.target.filter(|target| measured.is_some_and(|measured| measured.reaches(*target)));
+        let (Some(target), Some(measuring)) = (reached, &mut self.measuring) else { return };
+        measuring.take_fresh_pixels();
+        let picture = self.picture();
+        let by_film = picture.measured_error().is_some_and(|measured| measured.reaches(target));
+        let agree = |measuring: &Measuring| measuring.fresh_pixels_agree(&picture, target);
+        self.is_confirmed = by_film || self.measuring.as_ref().is_some_and(agree);
     }
 
     /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.
@@ -139,6 +160,7 @@ impl Rendering {
     /// as drawing.
     fn is_doubtful(&self, measured: Option<&MeasuredError>) -> bool {
         let Some(target) = self.target.filter(|_| self.knows_its_light()) else { return false };
-        measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !measured.reaches(target))
+        let is_settled = |measured: &MeasuredError| measured.reaches(target) && self.is_confirmed;
+        measured.is_some_and(|measured| measured.error() <= DOUBTED * target && !is_settled(measured))
     }
 }

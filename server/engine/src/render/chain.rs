@@ -34,6 +34,9 @@ const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
 /// Pixels below which their spread is not believed, and more are taken, or half of all there are: on bunny-room a hundredth of the pixels hold half of the
 /// squared error, and 132 that had met none of those looked as if they needed only more samples.
 const PIXELS_ENOUGH: usize = 512;
+/// Pixels that must agree that a picture is as good as asked for, or half of all there are, taken after it first seemed so: a
+/// picture is looked at again and again, and the first look that says so is more often than not a lucky one.
+const FRESH_PIXELS: usize = 256;
 /// Share of noise in where error is expected. With two thirds of it the relative variance of the mean was about the least on each of
 /// three scenes (bunny-room, dragon-room, cornell-box), a fifth of that of pixels drawn evenly.
 const NOISE_SHARE: f32 = 2.0 / 3.0;
@@ -80,6 +83,8 @@ pub(super) struct Measuring {
     /// Rays that it may take beside its share, because its doubt is all that keeps a picture from being done.
     granted: u64,
     samples_enough: u32,
+    /// The first of the sets of pixels that were taken after the picture first seemed as good as asked for.
+    fresh_from: Option<usize>,
     /// Where error is expected, and the film's passes when it was found.
     expected: (u32, Vec<f32>),
     /// What path tracing cannot find.
@@ -101,6 +106,7 @@ impl Measuring {
             rays: 0,
             granted: 0,
             samples_enough: SAMPLES_ENOUGH[0],
+            fresh_from: None,
             expected: (0, Vec::new()),
             hidden,
         }
@@ -116,8 +122,41 @@ impl Measuring {
         let [least, most] = SAMPLES_ENOUGH;
         let pixels = self.gauge.pixels();
         let is_wide = pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2)
+            || self.lacks_fresh_pixels(size)
             || wants_more_pixels(image, size, &pixels);
         self.samples_enough = if is_wide { self.gauge.samples_max().clamp(least, most) } else { most };
+    }
+
+    /// The picture seems as good as asked for: from now on pixels are taken that had no say in that.
+    pub(super) fn take_fresh_pixels(&mut self) {
+        if self.fresh_from.is_none() {
+            let [least, most] = SAMPLES_ENOUGH;
+            self.fresh_from = Some(self.gauge.set_count());
+            self.samples_enough = self.gauge.samples_max().clamp(least, most);
+        }
+    }
+
+    /// Something else is asked for.
+    pub(super) fn forget_fresh_pixels(&mut self) {
+        self.fresh_from = None;
+    }
+
+    fn lacks_fresh_pixels(&self, size: PictureSize) -> bool {
+        let wanted = FRESH_PIXELS.min(size.pixel_count() / 2).max(1);
+        let first = self.fresh_from.filter(|_| !self.gauge.is_full());
+        first.is_some_and(|first| self.gauge.pixels_since(first).len() < wanted)
+    }
+
+    /// Fresh pixels find the picture as good as asked for. So does a gauge that takes no more of them, and has none.
+    pub(super) fn fresh_pixels_agree(&self, picture: &Picture<'_>, target: f64) -> bool {
+        let Some(first) = self.fresh_from else { return false };
+        if self.lacks_fresh_pixels(picture.size()) {
+            return false;
+        }
+        let fresh = self.gauge.pixels_since(first);
+        fresh.is_empty()
+            || measure_at(&picture.radiance(), picture.size(), &fresh)
+                .is_some_and(|found| found.error() <= target)
     }
 
     /// What it was granted and has not taken is taken back.

@@ -242,6 +242,8 @@ pub struct Rendering {
     target: Option<f64>,
     /// By what is known the picture may have it, but not surely.
     is_doubted: bool,
+    /// It was last found to have it, by pixels that were taken after it first seemed so as well.
+    is_confirmed: bool,
     /// Drawn since measuring was last granted as much.
     ungranted_rays: u64,
     counts: Counts,
@@ -335,6 +337,7 @@ impl Rendering {
             outlook: None,
             target: None,
             is_doubted: false,
+            is_confirmed: false,
             ungranted_rays: 0,
             counts: Counts::default(),
             surplus_rays: 0,

@@ -69,6 +69,7 @@ impl StopRule {
             measured = rendering.measured_error();
             measured
         });
+        let by_error = by_error.filter(|_| self.error.is_some_and(|target| rendering.confirms(target)));
         let is_out_of_reach = || {
             let (error, target) = (measured?, self.error?);
             (rendering.is_at_its_best() && is_surely_above(&error, target)).then_some(StopReason::Best)

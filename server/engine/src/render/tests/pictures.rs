@@ -161,7 +161,9 @@ fn doubt_of_an_error_is_settled_by_measuring() {
             rendering.aim_at(target);
             let is_done = |rendering: &Rendering| {
                 let measured = rendering.measured_error();
-                rendering.knows_its_light() && measured.is_some_and(|measured| measured.reaches(TARGET))
+                rendering.knows_its_light()
+                    && measured.is_some_and(|measured| measured.reaches(TARGET))
+                    && rendering.confirms(TARGET)
             };
             while rendering.passes() < 2 || !rendering.is_whole() || !is_done(&rendering) {
                 rendering.step(&AtomicBool::new(false));

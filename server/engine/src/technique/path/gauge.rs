@@ -137,7 +137,7 @@ impl Gauge {
 
     /// Samples of either half that every counted pixel has, at least.
     pub fn samples(&self) -> u32 {
-        self.counted().map(|set| set.samples).min().unwrap_or(0)
+        self.counted().map(|(_, set)| set.samples).min().unwrap_or(0)
     }
 
     /// Samples of either half that the best known set has.
@@ -152,13 +152,32 @@ impl Gauge {
         self.sets.iter().flat_map(|set| &set.points).all(is_black)
     }
 
-    fn counted(&self) -> impl Iterator<Item = &Set> {
+    /// With their numbers.
+    fn counted(&self) -> impl Iterator<Item = (usize, &Set)> {
         let most = self.sets.iter().map(|set| set.samples).max().unwrap_or(0);
-        self.sets.iter().filter(move |set| f64::from(set.samples) >= COUNTED_SHARE * f64::from(most))
+        self.sets
+            .iter()
+            .enumerate()
+            .filter(move |(_, set)| f64::from(set.samples) >= COUNTED_SHARE * f64::from(most))
     }
 
     /// The pixels and what is known of them.
     pub fn pixels(&self) -> Vec<GaugedPixel> {
+        self.pixels_since(0)
+    }
+
+    /// Sets begun so far.
+    pub fn set_count(&self) -> usize {
+        self.sets.len()
+    }
+
+    /// No further set will be begun.
+    pub fn is_full(&self) -> bool {
+        self.sets.len() >= SETS_MAX
+    }
+
+    /// Of those, the ones of set number `first` and of later ones.
+    pub fn pixels_since(&self, first: usize) -> Vec<GaugedPixel> {
         let width = self.size.width();
         let of_set = |set: &Set| {
             let count = f64::from(set.samples);
@@ -174,7 +193,7 @@ impl Gauge {
             };
             set.points.iter().map(of_point).collect::<Vec<_>>()
         };
-        self.counted().flat_map(of_set).collect()
+        self.counted().filter(|(number, _)| *number >= first).flat_map(|(_, set)| of_set(set)).collect()
     }
 
     /// Cost and noise of a path-traced sample; `None` before the first step, and while all is black.
