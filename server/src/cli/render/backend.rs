@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use lumicast_engine::{
-    effects::EffectPlan,
     film::PictureSize,
     gpu::{AdapterChoice, AdapterReport, Gpu},
-    render::{self, BackendTrial, RenderSettings, Rendering},
+    render::{self, BackendTrial, CardWork, RenderSettings, Rendering},
     scene::CameraView,
     technique::path::GpuScene,
     transport::World,
@@ -34,14 +33,18 @@ impl DrawnOn {
         match backend {
             Backend::Cpu => Ok(DrawnOn::Cpu),
             Backend::Gpu => {
-                settings
-                    .draws_on_gpu()
+                let work = settings
+                    .card_work()
                     .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
                 // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
                 let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
-                eprintln!("drawing on {}: compiling shaders", described(&gpu.report()));
+                let doing = match work {
+                    CardWork::Draws => "drawing",
+                    CardWork::Gathers => "gathering light for records",
+                };
+                eprintln!("{doing} on {}: compiling shaders", described(&gpu.report()));
                 let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
-                scene.make_ready(asks(world, settings)).map_err(|error| unusable(&error))?;
+                settings.make_ready(&scene).map_err(|error| unusable(&error))?;
                 Ok(DrawnOn::Gpu(scene))
             }
             Backend::Auto => Ok(DrawnOn::tried(world, (view, size), settings)),
@@ -55,14 +58,15 @@ impl DrawnOn {
         settings: &RenderSettings,
     ) -> DrawnOn {
         let settings = &RenderSettings { backend: render::Backend::Gpu, ..*settings };
-        if settings.draws_on_gpu().is_err() || !graphics::may_have_card() {
+        // What gathering would gain is not tried: it runs on a card where it is asked for.
+        if settings.card_work() != Ok(CardWork::Draws) || !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
         let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
         eprintln!("trying {name}: compiling shaders");
-        if let Err(error) = scene.make_ready(asks(world, settings)) {
+        if let Err(error) = settings.make_ready(&scene) {
             eprintln!("drawing on the CPU, not on {name}: {error}");
             return DrawnOn::Cpu;
         }
@@ -122,11 +126,6 @@ impl DrawnOn {
             DrawnOn::Gpu(scene) => scene.bytes(),
         }
     }
-}
-
-/// Light that comes by way of other surfaces is looked up in such pictures.
-fn asks(world: &World, settings: &RenderSettings) -> bool {
-    settings.learns(&EffectPlan::of(world.scene())).is_some()
 }
 
 /// A card that cannot be used.
