@@ -17,8 +17,8 @@ use crate::{
     gpu::GpuError,
     scene::CameraView,
     technique::{
-        Canvas, Products, Progress, Step, Technique, View,
-        path::{GpuGatherer, GpuPathTracer, GpuScene, PathTracer},
+        ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
+        path::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, rays_over_a_picture},
     },
     transport::World,
 };
@@ -27,6 +27,9 @@ use crate::{
 const TRIAL_SIDE_MAX: u32 = 256;
 /// Passes of each; the fastest counts.
 const TRIAL_PASSES: u32 = 2;
+/// Rays that light is gathered along for each pixel of such a picture: as many in all as some hundred records send, so that a card
+/// has enough to do.
+const TRIAL_RAYS: u32 = 2;
 
 /// What a card does for a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +48,7 @@ pub struct CpuOnly {
     what: &'static str,
 }
 
-/// Seconds that a pass takes on either backend.
+/// Seconds that a pass takes on either backend, or gathering light along as many rays as one would.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackendTrial {
     /// On the threads of the pool that it was asked in.
@@ -69,6 +72,9 @@ impl BackendTrial {
         let size = PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size);
         let world = scene.world();
         let view = View::new(world, view, size);
+        if settings.card_work() == Ok(CardWork::Gathers) {
+            return BackendTrial::of_gathering(scene, &view, size, settings);
+        }
         let mut cpu = PathTracer::new(all_paths(settings));
         let mut card = GpuPathTracer::new(Arc::clone(scene), all_paths(settings));
         let cpu_seconds = fastest_pass(&mut cpu, world, &view, size);
@@ -77,6 +83,27 @@ impl BackendTrial {
             Some(error) => Err(error.clone()),
             None => Ok(BackendTrial { cpu_seconds, gpu_seconds }),
         }
+    }
+
+    /// Of direct light: what is known of other light is looked up on top of that on both.
+    fn of_gathering(
+        scene: &Arc<GpuScene>,
+        view: &View,
+        size: PictureSize,
+        settings: &RenderSettings,
+    ) -> Result<BackendTrial, GpuError> {
+        let world = scene.world();
+        let rays = rays_over_a_picture(world, view, size, TRIAL_RAYS);
+        let gatherer = Arc::new(GpuGatherer::new(Arc::clone(scene)));
+        let tracer = || PathTracer::new(all_paths(settings).asking());
+        let card = ArrivingByGpu::new(tracer(), Arc::clone(&gatherer));
+        let gpu_seconds = fastest(|| gather(&card, world, &rays));
+        if let Some(error) = gatherer.failure() {
+            return Err(error);
+        }
+        // From now on the CPU answers, in the same batches.
+        gatherer.stop();
+        Ok(BackendTrial { cpu_seconds: fastest(|| gather(&card, world, &rays)), gpu_seconds })
     }
 
     /// The card is.
@@ -88,16 +115,25 @@ impl BackendTrial {
 fn fastest_pass(technique: &mut dyn Technique, world: &World, view: &View, size: PictureSize) -> f64 {
     let mut film = Film::new(size);
     let cancel = AtomicBool::new(false);
-    let fastest = (0..TRIAL_PASSES)
-        .map(|_| {
-            let start = Instant::now();
-            let (canvas, products) = (Some(Canvas { view, film: &mut film }), &mut Products::default());
-            technique.step(&mut Step { world, products, canvas, cancel: &cancel });
-            start.elapsed().as_secs_f64()
-        })
-        .fold(f64::INFINITY, f64::min);
+    let seconds = fastest(|| {
+        let (canvas, products) = (Some(Canvas { view, film: &mut film }), &mut Products::default());
+        technique.step(&mut Step { world, products, canvas, cancel: &cancel });
+    });
     // A pass that a lost device cut short is no fast one.
-    if film.passes_min() == TRIAL_PASSES { fastest } else { f64::INFINITY }
+    if film.passes_min() == TRIAL_PASSES { seconds } else { f64::INFINITY }
+}
+
+fn gather(arriving: &dyn ArrivingLight, world: &World, rays: &[GatherRay]) {
+    arriving.along(world, rays, &AtomicBool::new(false), &mut Counts::default());
+}
+
+fn fastest(mut work: impl FnMut()) -> f64 {
+    let seconds = |_| {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_secs_f64()
+    };
+    (0..TRIAL_PASSES).map(seconds).fold(f64::INFINITY, f64::min)
 }
 
 /// Rays a second of the CPU, before it has traced any.

@@ -38,11 +38,7 @@ impl DrawnOn {
                     .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
                 // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
                 let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
-                let doing = match work {
-                    CardWork::Draws => "drawing",
-                    CardWork::Gathers => "gathering light for records",
-                };
-                eprintln!("{doing} on {}: compiling shaders", described(&gpu.report()));
+                eprintln!("{} on {}: compiling shaders", doing(work), described(&gpu.report()));
                 let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
                 settings.make_ready(&scene).map_err(|error| unusable(&error))?;
                 Ok(DrawnOn::Gpu(scene))
@@ -58,29 +54,30 @@ impl DrawnOn {
         settings: &RenderSettings,
     ) -> DrawnOn {
         let settings = &RenderSettings { backend: render::Backend::Gpu, ..*settings };
-        // What gathering would gain is not tried: it runs on a card where it is asked for.
-        if settings.card_work() != Ok(CardWork::Draws) || !graphics::may_have_card() {
+        let Ok(work) = settings.card_work() else { return DrawnOn::Cpu };
+        if !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
         let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
         eprintln!("trying {name}: compiling shaders");
+        let (doing, tried) = (doing(work), tried(work));
         if let Err(error) = settings.make_ready(&scene) {
-            eprintln!("drawing on the CPU, not on {name}: {error}");
+            eprintln!("{doing} on the CPU, not on {name}: {error}");
             return DrawnOn::Cpu;
         }
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
-                let took = format!("a small picture takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                let took = format!("{tried} takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
                 if trial.gpu_is_faster() {
-                    eprintln!("drawing on {name}: {took}");
+                    eprintln!("{doing} on {name}: {took}");
                     return DrawnOn::Gpu(scene);
                 }
-                eprintln!("drawing on the CPU, not on {name}: {took}");
+                eprintln!("{doing} on the CPU, not on {name}: {took}");
             }
-            Err(error) => eprintln!("drawing on the CPU, not on {name}: {error}"),
+            Err(error) => eprintln!("{doing} on the CPU, not on {name}: {error}"),
         }
         DrawnOn::Cpu
     }
@@ -125,6 +122,22 @@ impl DrawnOn {
             DrawnOn::Cpu => 0,
             DrawnOn::Gpu(scene) => scene.bytes(),
         }
+    }
+}
+
+/// What a card does for a picture, in words.
+fn doing(work: CardWork) -> &'static str {
+    match work {
+        CardWork::Draws => "drawing",
+        CardWork::Gathers => "gathering light for records",
+    }
+}
+
+/// What it is tried by.
+fn tried(work: CardWork) -> &'static str {
+    match work {
+        CardWork::Draws => "a small picture",
+        CardWork::Gathers => "gathering for a small picture",
     }
 }
 

@@ -24,12 +24,15 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
-pub use gather::{ArrivingByGpu, GpuGatherer};
+pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use scene::GpuScene;
 pub use step_clock::StepSeconds;
 
 use self::tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN};
-use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
+use super::{
+    CARD, PathSettings, PathTracer, View,
+    cpu::{BOUNCES_END, primary_ray},
+};
 use crate::{
     film::{Film, PixelSample},
     gpu::GpuError,

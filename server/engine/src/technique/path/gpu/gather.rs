@@ -13,13 +13,14 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::{
-    BOUNCES_END, GpuPassHeader, GpuScene, LOSSES_MAX, PathTracer,
+    BOUNCES_END, GpuPassHeader, GpuScene, LOSSES_MAX, PathTracer, View, primary_ray,
     tracing::{PathStart, RAY_SAMPLE_BYTES, SLICE_MIN},
 };
 use crate::{
     accel::{Hit, Ray},
+    film::PictureSize,
     gpu::{GpuError, locked},
-    math::{Rgb, sobol::PixelSampler},
+    math::{Frame, Rgb, sobol::PixelSampler, warp},
     technique::{Arrived, ArrivingLight, Counts, GatherRay},
     transport::{PathClass, World},
 };
@@ -27,8 +28,40 @@ use crate::{
 /// Rays asked for at once, over those of a slice: while one slice is on the card others wait, so that slices are as large as they
 /// may be.
 const SLICES_AT_ONCE: usize = 2;
+/// Numbers of rays over a picture: what it sees, where they go, what they meet.
+const SEEN_SEQUENCE: u32 = 0;
+const DIRECTION_SEQUENCE: u32 = 1;
+const GATHERED_SEQUENCE: u32 = 2;
 /// Rays of a thread at a time where the CPU takes over.
 const RAYS_AT_ONCE_ON_CPU: usize = 256;
+
+/// Rays over the hemispheres of what the pixels of a picture see, as records send them, so many from each: for trying and measuring
+/// gathering.
+pub fn rays_over_a_picture(
+    world: &World,
+    view: &View,
+    size: PictureSize,
+    rays_per_pixel: u32,
+) -> Vec<GatherRay> {
+    let width = size.width();
+    let rays_at = |pixel: u32| {
+        let sampler = PixelSampler::new(0, SEEN_SEQUENCE, pixel, 0);
+        let seen_along = primary_ray(view, pixel % width, pixel / width, &sampler);
+        let hit = world.closest_hit(&seen_along);
+        let surface = hit.map(|hit| world.surface(&hit, seen_along.direction));
+        surface.into_iter().flat_map(move |surface| {
+            let n = surface.frame.n;
+            let frame = Frame::around(if seen_along.direction.dot(n) > 0.0 { -n } else { n });
+            (0..rays_per_pixel).map(move |number| {
+                let [u, v, ..] = PixelSampler::new(0, DIRECTION_SEQUENCE, pixel, number).four(0);
+                let direction = frame.to_world(warp::cosine_hemisphere([u, v])).normalize();
+                let sampler = PixelSampler::new(0, GATHERED_SEQUENCE, pixel, number);
+                GatherRay { ray: surface.point.ray_towards(direction), sampler }
+            })
+        })
+    };
+    (0..size.pixel_count() as u32).into_par_iter().flat_map_iter(rays_at).collect()
+}
 
 /// `GatherRay` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

@@ -11,8 +11,7 @@ use super::{
 };
 use crate::{
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
-    math::{Frame, warp},
-    render::{Backend, IlluminationSettings, Indirect, RenderSettings, Rendering},
+    render::{Backend, BackendTrial, IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::samples,
     technique::{Arrived, ArrivingLight, GatherRay, path::NEAR_BLURS},
 };
@@ -20,26 +19,9 @@ use crate::{
 /// Rays from each point that a pixel sees.
 const RAYS: u32 = 8;
 
-/// Rays over the hemispheres of what the pixels of a picture see, from the side it is seen from.
 fn rays_of(shot: &Shot) -> Vec<GatherRay> {
     let view = View::new(&shot.world, &shot.camera, shot.size);
-    let width = shot.size.width();
-    let rays_at = |pixel: u32| {
-        let sampler = PixelSampler::new(3, 0, pixel, 0);
-        let ray = primary_ray(&view, pixel % width, pixel / width, &sampler);
-        let surface = shot.world.closest_hit(&ray).map(|hit| shot.world.surface(&hit, ray.direction));
-        surface.into_iter().flat_map(move |surface| {
-            let n = surface.frame.n;
-            let frame = Frame::around(if ray.direction.dot(n) > 0.0 { -n } else { n });
-            (0..RAYS).map(move |number| {
-                let [u, v, ..] = PixelSampler::new(4, 0, pixel, number).four(0);
-                let direction = frame.to_world(warp::cosine_hemisphere([u, v])).normalize();
-                let sampler = PixelSampler::new(5, 0x6761, pixel, number);
-                GatherRay { ray: surface.point.ray_towards(direction), sampler }
-            })
-        })
-    };
-    (0..shot.size.pixel_count() as u32).flat_map(rays_at).collect()
+    rays_over_a_picture(&shot.world, &view, shot.size, RAYS)
 }
 
 /// A ray on the CPU.
@@ -298,4 +280,18 @@ fn records_are_the_cpus_where_the_card_fails() {
     assert!(!by_both.is_on_gpu() && by_both.gpu_gathered_rays() == 0);
     assert_eq!(by_cpu.records().count, by_both.records().count);
     assert_same_bits(by_cpu.film(), by_both.film());
+}
+
+/// The trial of gathering times both, whatever the adapter, and takes no film for it.
+#[test]
+fn gathering_is_tried_on_both() {
+    let Some(gpu) = shared() else { return };
+    let shot = of_cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let settings = RenderSettings { indirect: Indirect::Irradiance, ..RenderSettings::default() };
+    settings.make_ready(&scene).unwrap();
+    let trial = BackendTrial::run(&scene, &shot.camera, shot.size, &settings).unwrap();
+    for seconds in [trial.cpu_seconds, trial.gpu_seconds] {
+        assert!(seconds > 0.0 && seconds.is_finite(), "{trial:?}");
+    }
 }
