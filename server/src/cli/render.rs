@@ -59,7 +59,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    if rendering.is_on_gpu() && rendering.gpu_passes() + rendering.gpu_gathered_rays() == 0 {
+    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 && args.technique() != Indirect::Irradiance {
         eprintln!(
             "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
         );

@@ -164,7 +164,7 @@ impl GpuGatherer {
 
     /// A slice, as often as devices are lost under it.
     fn slice(&self, tracer: &PathTracer, rays: &[GatherRay]) -> Result<(Vec<Arrived>, Counts), GpuError> {
-        let rays: Vec<GpuGatherRay> = rays.iter().map(GpuGatherRay::new).collect();
+        let rays: Vec<GpuGatherRay> = rays.par_iter().map(GpuGatherRay::new).collect();
         let settings = &tracer.settings;
         let header = GpuPassHeader {
             path_count: rays.len() as u32,
@@ -186,7 +186,7 @@ impl GpuGatherer {
                     let mut state = locked(&self.state);
                     state.slice = self.scene.slice_after(state.slice, header.path_count, slice.first_seconds);
                     state.ray_count += u64::from(header.path_count);
-                    let samples = slice.samples.chunks_exact(RAY_SAMPLE_BYTES as usize);
+                    let samples = slice.samples.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
                     let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);
                     return Ok((samples.map(|sample| sample.arrived()).collect(), slice.counts));
                 }
