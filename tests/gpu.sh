@@ -100,6 +100,31 @@ for scene in "${scenes[@]}"; do
     cat "$work/compared" >>"$work/pictures"
 done
 
+# Whole records: where, light gathered, sums. The sets of them differ, as a card finds more at once: pictures are not compared.
+say "records"
+record_scenes=("${scenes[@]}") records=(--size 1280x720)
+# A software driver takes minutes for more.
+if [ "$is_software" = yes ]; then record_scenes=(builtin:cornell-box) records=(--size 64x36); fi
+: >"$work/records"
+for scene in "${record_scenes[@]}"; do
+    name=$(basename "$scene")
+    row="\"scene\": $(quoted "$name")"
+    for backend in gpu cpu; do
+        "$lumicast" render "$scene" "${records[@]}" --indirect irradiance --samples 1 --backend "$backend" \
+            --out "$work/$backend.exr" --stats "$work/$backend.json" >"$work/$backend.log" 2>&1 || {
+            cat "$work/$backend.log" >&2
+            failed "records of $name on the $backend"
+            continue 2
+        }
+        for figure in seconds:gather counts:records; do
+            value=$(tr -d '\n' <"$work/$backend.json" |
+                sed -n "s/.*\"${figure%:*}\": *{[^}]*\"${figure#*:}\": *\([0-9.e-]*\).*/\1/p")
+            row="$row, \"${backend}_${figure#*:}\": ${value:-null}"
+        done
+    done
+    echo "{$row}" | tee -a "$work/records"
+done
+
 say "measuring"
 LUMICAST_GPU_JSON="$work/bench" bench ${measured[@]+"${measured[@]}"} || { failed "bench"; }
 [ -s "$work/bench" ] || echo null >"$work/bench"
@@ -108,6 +133,7 @@ LUMICAST_GPU_JSON="$work/bench" bench ${measured[@]+"${measured[@]}"} || { faile
     printf '{\n"tests": {"passed": %s, "count": %s},\n' "$tests_passed" "$test_count"
     printf '"pictures": [%s],\n' "$(paste -sd, "$work/pictures")"
     printf '"picture_arguments": %s,\n' "$(quoted "${picture[*]}")"
+    printf '"records": [%s],\n"record_arguments": %s,\n' "$(paste -sd, "$work/records")" "$(quoted "${records[*]}")"
     printf '"failed": ['
     separator=
     for failure in ${failures[@]+"${failures[@]}"}; do printf '%s%s' "$separator" "$(quoted "$failure")"; separator=', '; done

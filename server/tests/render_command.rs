@@ -110,7 +110,6 @@ fn exit_codes_tell_what_kind_of_failure_it_was() {
     let cases = [
         ("render builtin:cornell-box --out a.exr --indirect lightmap", 2, "does not exist yet"),
         ("render builtin:cornell-box --out a.exr --backend tpu", 2, "auto, cpu or gpu"),
-        ("render builtin:cornell-box --out a.exr --backend gpu --indirect irradiance", 2, "on the CPU only"),
         ("render builtin:cornell-box --out a.exr --size 0x5", 2, "0×5"),
         ("render builtin:cornell-box --out a.exr --camera roof", 2, "main, corner"),
         ("render builtin:cornell-box", 2, "--out"),

@@ -11,6 +11,11 @@ struct OctreeHeader {
     per_sheet_m2: f32,
     /// First word of the first group of each cell, behind the nodes.
     first_sets_at: u32,
+    /// How far light is blurred where nothing is known, m.
+    blur_max_m: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -23,9 +28,10 @@ struct LightSet {
     /// How gently the lights' cosine ends below the horizon.
     reach: f32,
     caustic_reach: f32,
+    /// How far indirect light is blurred, m.
+    blur_m: f32,
     padding_0: u32,
     padding_1: u32,
-    padding_2: u32,
 }
 
 @group(3) @binding(0) var<uniform> octree: OctreeHeader;
@@ -41,6 +47,7 @@ const CELL_IS_LEAF: u32 = 0x80000000u;
 struct ScatteredLight {
     indirect: vec3f,
     caustic: vec3f,
+    blur_m: f32,
 }
 
 fn octahedral_fold(square: vec2f) -> vec2f {
@@ -131,7 +138,7 @@ fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: 
 }
 
 fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
-    var light = ScatteredLight(vec3f(0.0), vec3f(0.0));
+    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m);
     if octree.depth == 0u {
         return light;
     }
@@ -145,6 +152,7 @@ fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
     let base = floor(place);
     let fraction = place - base;
     var total = 0.0;
+    var blurs_m = 0.0;
     for (var corner = 0; corner < 8; corner++) {
         let offset = vec3i(corner & 1, (corner >> 1u) & 1, corner >> 2u);
         let share = select(1.0 - fraction, fraction, offset == vec3i(1));
@@ -163,6 +171,7 @@ fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
         }
         weight *= like.share;
         total += weight;
+        blurs_m += light_sets[like.index].blur_m * weight;
         let first = light_sets[like.index].first_vdl;
         let first_caustic = light_sets[like.index].first_caustic_vdl;
         let end = light_sets[like.index].end_vdl;
@@ -176,6 +185,7 @@ fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
     if total > 0.0 {
         light.indirect /= total;
         light.caustic /= total;
+        light.blur_m = blurs_m / total;
     }
     return light;
 }

@@ -4,13 +4,7 @@
 fn begin(@builtin(global_invocation_id) id: vec3u) {
     let slot = id.x;
     if slot == 0u {
-        counters.parity = 0u;
-        counters.ray_count = pass_header.path_count;
-        atomicStore(&counters.next_ray_count, 0u);
-        counters.shadow_count = 0u;
-        atomicStore(&counters.next_shadow_count, 0u);
-        counters.rays = 0u;
-        counters.shadow_rays = 0u;
+        begin_counting();
     }
     if slot >= pass_header.path_count {
         return;

@@ -1,5 +1,19 @@
 // Takes each path to the surface that its ray met: light seen there, a light sample for the shadow rays to come, and where
 // the path goes on. `cpu.rs`, `Tracer::advance`, without maps of caustics and records.
+//
+// Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. What a path passed is a word:
+// bits 0 and 1 as below, from bit 2 up how many surfaces it looked past.
+
+/// The first diffuse surface was too near to be answered for.
+const IS_NEAR: u32 = 1u;
+/// A mirror or glass has sent the path on since.
+const IS_BY_MIRRORS: u32 = 2u;
+const NEAR_COUNT_SHIFT: u32 = 2u;
+
+/// Those of classes that are asked for; all; those of other lobes than the diffuse one.
+const FOLLOWED_WANTED: u32 = 0u;
+const FOLLOWED_ALL: u32 = 1u;
+const FOLLOWED_SPECULAR: u32 = 2u;
 
 @compute @workgroup_size(WORKGROUP)
 fn shade(@builtin(global_invocation_id) id: vec3u) {
@@ -16,8 +30,17 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
 fn advance(slot: u32) -> bool {
     var path = paths[slot];
     let hit = hits[slot];
+    var passing = 0u;
+    if LOOKS_PAST {
+        passing = passing_of(slot);
+    }
+    let is_beyond_near = (passing & IS_NEAR) != 0u && path.class_so_far != EMITTED;
+    // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
+    let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
     if hit.instance == NO_INDEX {
-        add_environment(slot, path);
+        if !is_beyond_mirrors {
+            add_environment(slot, path);
+        }
         return false;
     }
     let surface = surface_at(hit.instance, hit.triangle, hit.b1, hit.b2, path.direction);
@@ -27,26 +50,37 @@ fn advance(slot: u32) -> bool {
     path.throughput *= transmittance(path.medium, hit.t);
     if path.bounce == 0u {
         let albedo = albedo_of(surface.bsdf) + surface.unlit;
-        samples[slot].albedo_red = albedo.x;
-        samples[slot].albedo_green = albedo.y;
-        samples[slot].albedo_blue = albedo.z;
-        samples[slot].normal = surface.frame.n;
-        samples[slot].depth_m = max(dot(pass_header.origin - surface.point.position, pass_header.back), 0.0);
+        note_first(slot, albedo, surface.frame.n, surface.point.position, hit.t);
     }
-    add_emission(slot, path, hit, surface);
-    if path.bounce >= pass_header.bounces_end || !are_traced_beyond(path.class_so_far) {
+    if !is_beyond_mirrors {
+        add_emission(slot, path, hit, surface);
+    }
+    if path.bounce >= pass_header.bounces_end || !(is_beyond_near || are_traced_beyond(path.class_so_far)) {
         return false;
     }
-    let sampler = PixelSampler(path.key, pass_header.index);
-    add_light_sample(slot, path, hit, surface, sampler);
-    // At the first diffuse surface seen from the eye: what is known of the light there, by one scattering less.
-    let is_asked = HAS_SECONDARY && path.class_so_far == EMITTED && path.bounce + 1u < pass_header.bounces_end;
-    if is_asked && has_diffuse(surface.bsdf) {
-        let known = scattered_light(surface, -path.direction);
-        add_radiance(slot, INDIRECT, path.throughput * known.indirect);
-        add_radiance(slot, CAUSTIC, path.throughput * known.caustic);
+    let sampler = sampler_of(slot, path);
+    // At the first diffuse surface seen from the eye, or by way of one that was looked past: what is known of the light there,
+    // by one scattering less.
+    let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
+        && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
+    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0);
+    var is_near = false;
+    if is_asked {
+        known = scattered_light(surface, -path.direction);
+        is_near = LOOKS_PAST && (passing >> NEAR_COUNT_SHIFT) < NEAR_MAX && hit.t < NEAR_BLURS * known.blur_m;
     }
-    return scatter(slot, &path, hit, surface, sampler);
+    let followed = select(FOLLOWED_WANTED, select(FOLLOWED_SPECULAR, FOLLOWED_ALL, is_near), is_beyond_near);
+    add_light_sample(slot, path, hit, surface, sampler, followed);
+    if is_asked {
+        if !is_near {
+            add_radiance(slot, INDIRECT, path.throughput * known.indirect);
+        }
+        add_radiance(slot, CAUSTIC, path.throughput * known.caustic);
+        // Beyond a near surface the path stays so, whatever it meets.
+        passing = (passing & ~IS_NEAR) | select(0u, IS_NEAR, is_near || is_beyond_near);
+        passing += select(0u, 1u << NEAR_COUNT_SHIFT, is_near);
+    }
+    return scatter(slot, &path, hit, surface, sampler, followed, passing);
 }
 
 fn add_environment(slot: u32, path: Path) {
@@ -83,7 +117,15 @@ fn add_emission(slot: u32, path: Path, hit: Hit, surface: Surface) {
     add_radiance(slot, path.class_so_far, path.throughput * surface.emitted * weight);
 }
 
-fn add_light_sample(slot: u32, path: Path, hit: Hit, surface: Surface, sampler: PixelSampler) {
+/// - `followed`: the rays that go on from here, which light sampling competes with
+fn add_light_sample(
+    slot: u32,
+    path: Path,
+    hit: Hit,
+    surface: Surface,
+    sampler: PixelSampler,
+    followed: u32,
+) {
     if !has_density(surface.bsdf) {
         return;
     }
@@ -133,11 +175,14 @@ fn add_light_sample(slot: u32, path: Path, hit: Hit, surface: Surface, sampler: 
     let class_of_glossy = class_after(path.class_so_far, true);
     shadow.diffuse = vec3f(0.0);
     shadow.glossy = vec3f(0.0);
-    if is_traced(class_of_diffuse) {
-        let weight = select(power_heuristic(light.pdf, value.diffuse.pdf_solid_angle), 1.0, light.is_delta);
+    if followed != FOLLOWED_WANTED || is_traced(class_of_diffuse) {
+        // Where the diffuse lobe is not followed, nothing competes.
+        let is_alone = light.is_delta || followed == FOLLOWED_SPECULAR;
+        let weight = select(power_heuristic(light.pdf, value.diffuse.pdf_solid_angle), 1.0, is_alone);
         shadow.diffuse = arriving * value.diffuse.f_cos * weight;
     }
-    if is_traced(class_of_glossy) {
+    // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
+    if followed == FOLLOWED_WANTED && is_traced(class_of_glossy) {
         let weight = select(power_heuristic(light.pdf, value.glossy.pdf_solid_angle), 1.0, light.is_delta);
         shadow.glossy = arriving * value.glossy.f_cos * weight;
     }
@@ -149,7 +194,15 @@ fn add_light_sample(slot: u32, path: Path, hit: Hit, surface: Surface, sampler: 
     queues[2u * pass_header.capacity + place] = slot;
 }
 
-fn scatter(slot: u32, path: ptr<function, Path>, hit: Hit, surface: Surface, sampler: PixelSampler) -> bool {
+fn scatter(
+    slot: u32,
+    path: ptr<function, Path>,
+    hit: Hit,
+    surface: Surface,
+    sampler: PixelSampler,
+    followed: u32,
+    passing: u32,
+) -> bool {
     let u = four(sampler, 1u + 2u * (*path).bounce);
     let wo = -(*path).direction;
     let wo_local = frame_to_local(surface.frame, wo);
@@ -158,7 +211,8 @@ fn scatter(slot: u32, path: ptr<function, Path>, hit: Hit, surface: Surface, sam
         return false;
     }
     let class_now = class_after((*path).class_so_far, drawn.is_specular);
-    if !is_traced(class_now) && !are_traced_beyond(class_now) {
+    let is_wanted = is_traced(class_now) || are_traced_beyond(class_now);
+    if !select(is_wanted, followed == FOLLOWED_ALL || drawn.is_specular, followed != FOLLOWED_WANTED) {
         return false;
     }
     let wi = frame_to_world(surface.frame, drawn.wi);
@@ -185,6 +239,9 @@ fn scatter(slot: u32, path: ptr<function, Path>, hit: Hit, surface: Surface, sam
             return false;
         }
         (*path).throughput *= 1.0 / survival;
+    }
+    if LOOKS_PAST {
+        keep_passing(slot, (passing & ~IS_BY_MIRRORS) | select(0u, IS_BY_MIRRORS, drawn.is_specular));
     }
     paths[slot] = *path;
     return true;

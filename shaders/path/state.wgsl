@@ -1,4 +1,5 @@
-// Paths on their way, one a pixel of a slice of the picture. `technique/path/gpu.rs` says which step follows which.
+// Paths on their way, one a pixel of a slice of the picture, or one a ray of a slice of those that light is gathered along.
+// `technique/path/gpu.rs` says which step follows which; `pixel.wgsl` and `ray.wgsl` say what the paths bring.
 
 struct PassHeader {
     origin: vec3f,
@@ -22,8 +23,9 @@ struct PassHeader {
     traced: u32,
     /// Scatterings after which a path ends.
     bounces_end: u32,
+    /// Bit c: rays bring light of paths of class c.
+    brought: u32,
     padding_0: u32,
-    padding_1: u32,
 }
 
 struct Path {
@@ -61,20 +63,6 @@ struct Shadow {
     padding_1: u32,
 }
 
-/// What a pixel's path has brought; `film/pixel.rs`, `PixelSample`.
-struct PixelSample {
-    emitted: vec3f,
-    depth_m: f32,
-    direct: vec3f,
-    albedo_red: f32,
-    caustic: vec3f,
-    albedo_green: f32,
-    indirect: vec3f,
-    albedo_blue: f32,
-    normal: vec3f,
-    padding_0: u32,
-}
-
 /// Paths that go on: queue `parity` is read, the other filled.
 struct Counters {
     parity: u32,
@@ -97,7 +85,7 @@ const INDIRECT: u32 = 3u;
 @group(2) @binding(1) var<storage, read_write> paths: array<Path>;
 @group(2) @binding(2) var<storage, read_write> hits: array<Hit>;
 @group(2) @binding(3) var<storage, read_write> shadows: array<Shadow>;
-@group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
+// Binding 4: `samples`.
 /// Three queues of `capacity` slots: rays, rays, shadow rays.
 @group(2) @binding(5) var<storage, read_write> queues: array<u32>;
 @group(2) @binding(6) var<storage, read_write> counters: Counters;
@@ -128,19 +116,13 @@ fn are_traced_beyond(class_of_path: u32) -> bool {
     return (pass_header.traced & beyond) != 0u;
 }
 
-fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
-    switch class_of_light {
-        case EMITTED: {
-            samples[slot].emitted += radiance;
-        }
-        case DIRECT: {
-            samples[slot].direct += radiance;
-        }
-        case CAUSTIC: {
-            samples[slot].caustic += radiance;
-        }
-        default: {
-            samples[slot].indirect += radiance;
-        }
-    }
+/// Of a slice that begins: nothing done yet.
+fn begin_counting() {
+    counters.parity = 0u;
+    counters.ray_count = pass_header.path_count;
+    atomicStore(&counters.next_ray_count, 0u);
+    counters.shadow_count = 0u;
+    atomicStore(&counters.next_shadow_count, 0u);
+    counters.rays = 0u;
+    counters.shadow_rays = 0u;
 }

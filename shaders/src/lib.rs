@@ -11,7 +11,10 @@ mod path;
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
-pub use path::{PATH_BEGIN, PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN};
+pub use path::{
+    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN,
+};
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
 pub static STEPS: &[&Step] = &[
@@ -23,6 +26,10 @@ pub static STEPS: &[&Step] = &[
     &PATH_SHADE_BY_OCTREE,
     &PATH_TURN,
     &PATH_OCCLUDED,
+    &GATHER_BEGIN,
+    &GATHER_SHADE,
+    &GATHER_SHADE_BY_OCTREE,
+    &GATHER_OCCLUDED,
 ];
 
 /// Constants with which the steps are proved: every name that a part expects to be prepended.
@@ -34,6 +41,9 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("HAS_GLTF", Constant::Bool(true)),
     ("HAS_SKY_PICTURE", Constant::Bool(true)),
     ("HAS_SECONDARY", Constant::Bool(true)),
+    ("LOOKS_PAST", Constant::Bool(true)),
+    ("NEAR_BLURS", Constant::F32(2.0)),
+    ("NEAR_MAX", Constant::U32(3)),
     ("WORKGROUP", Constant::U32(64)),
     ("SMOOTH_ALPHA", Constant::F32(1e-3)),
     ("FLOAT_MAX", Constant::F32(f32::MAX)),

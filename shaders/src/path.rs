@@ -13,8 +13,12 @@ static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
+static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
+static RAY: Part = Part { name: "path/ray", source: include_str!("../path/ray.wgsl") };
 
 static BEGIN_ENTRY: Part = Part { name: "path/begin", source: include_str!("../path/begin.wgsl") };
+static BEGIN_RAY_ENTRY: Part =
+    Part { name: "path/begin_ray", source: include_str!("../path/begin_ray.wgsl") };
 static CLOSEST_ENTRY: Part = Part { name: "path/closest", source: include_str!("../path/closest.wgsl") };
 static SHADE_ENTRY: Part = Part { name: "path/shade", source: include_str!("../path/shade.wgsl") };
 static TURN_ENTRY: Part = Part { name: "path/turn", source: include_str!("../path/turn.wgsl") };
@@ -24,7 +28,7 @@ static OCCLUDED_ENTRY: Part = Part { name: "path/occluded", source: include_str!
 pub static PATH_BEGIN: Step = Step {
     name: "path/begin",
     entry_point: "begin",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &BEGIN_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &PIXEL, &BEGIN_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -40,7 +44,7 @@ pub static PATH_CLOSEST: Step = Step {
 pub static PATH_SHADE: Step = Step {
     name: "path/shade",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &ALONE, &SHADE_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &ALONE, &SHADE_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -48,7 +52,7 @@ pub static PATH_SHADE: Step = Step {
 pub static PATH_SHADE_BY_OCTREE: Step = Step {
     name: "path/shade_by_octree",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &OCTREE, &SHADE_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &OCTREE, &SHADE_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -64,6 +68,38 @@ pub static PATH_TURN: Step = Step {
 pub static PATH_OCCLUDED: Step = Step {
     name: "path/occluded",
     entry_point: "occluded",
-    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &OCCLUDED_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &PIXEL, &OCCLUDED_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// Begins a path with every ray of a slice of those that light is gathered along.
+pub static GATHER_BEGIN: Step = Step {
+    name: "gather/begin",
+    entry_point: "begin",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &RAY, &BEGIN_RAY_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// [`PATH_SHADE`] for these.
+pub static GATHER_SHADE: Step = Step {
+    name: "gather/shade",
+    entry_point: "shade",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &ALONE, &SHADE_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// [`PATH_SHADE_BY_OCTREE`] for these.
+pub static GATHER_SHADE_BY_OCTREE: Step = Step {
+    name: "gather/shade_by_octree",
+    entry_point: "shade",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &OCTREE, &SHADE_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// [`PATH_OCCLUDED`] for these.
+pub static GATHER_OCCLUDED: Step = Step {
+    name: "gather/occluded",
+    entry_point: "occluded",
+    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &RAY, &OCCLUDED_ENTRY],
     workgroup_size: [64, 1, 1],
 };

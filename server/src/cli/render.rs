@@ -59,7 +59,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 {
+    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 && args.technique() != Indirect::Irradiance {
         eprintln!(
             "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
         );
@@ -333,7 +333,7 @@ impl<'a> Job<'a> {
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
             technique: rendering.technique_name(&picture),
-            backend: if rendering.gpu_passes() > 0 { "gpu" } else { "cpu" },
+            backend: if rendering.gpu_passes() + rendering.gpu_gathered_rays() > 0 { "gpu" } else { "cpu" },
             adapter: self.drawn_on.adapter().map(|report| report.name),
             threads: self.pool.current_num_threads(),
             seed: self.args.seed,

@@ -1,4 +1,5 @@
-//! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree for the rest.
+//! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree for the rest;
+//! and light gathered along rays for records.
 
 use std::{
     error::Error,
@@ -11,8 +12,11 @@ use lumicast_engine::{
     gpu::Gpu,
     render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage},
     technique::{
-        Canvas, Counts, Products, SecondaryLight, Step, Technique,
-        path::{GpuPathTracer, GpuScene, PathSettings, PathTracer, View},
+        ArrivingLight, Canvas, Counts, Products, SecondaryLight, Step, Technique,
+        path::{
+            ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathSettings, PathTracer, View,
+            rays_over_a_picture,
+        },
     },
 };
 
@@ -68,10 +72,13 @@ pub(crate) fn measure(
     (learning.gpu_wall, learning.cpu) = (None, Some(learning_seconds));
     figures.push(learning);
     let Some(known) = known else { return Ok(()) };
-    let tracer = PathTracer::with_secondary(settings, known);
+    let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
     card.draw_as(&tracer);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, rounds)?;
     push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
+    let [on_card, on_cpu] = drawing.gather(&scene, &known, rounds)?;
+    let figure = Figure::new("gathering for records", Unit::MillionPathsPerSecond, on_card);
+    figures.push(Figure { cpu: Some(on_cpu), ..figure });
     Ok(())
 }
 
@@ -123,6 +130,37 @@ impl Drawing<'_> {
         let start = Instant::now();
         let progress = technique.step(&mut Step { world: &self.subject.world, products, canvas, cancel });
         Pass { seconds: start.elapsed().as_secs_f64(), counts: progress.counts }
+    }
+
+    /// Million rays a second along which light is gathered for records, direct and from the octree, past what is near: by the card
+    /// and by the CPU, which take turns. Medians.
+    fn gather(
+        &self,
+        scene: &Arc<GpuScene>,
+        known: &Arc<dyn SecondaryLight>,
+        rounds: usize,
+    ) -> Result<[f64; 2], Box<dyn Error>> {
+        let world = scene.world();
+        let rays = rays_over_a_picture(world, &self.view, self.size, 1);
+        let on_card = Arc::new(GpuGatherer::new(Arc::clone(scene)));
+        let on_cpu = Arc::new(GpuGatherer::new(Arc::clone(scene)));
+        on_cpu.stop();
+        let mut rates = [Vec::new(), Vec::new()];
+        for round in 0..WARM_UP_PASSES + rounds {
+            for (gatherer, rates) in [&on_card, &on_cpu].into_iter().zip(&mut rates) {
+                let tracer = PathTracer::with_secondary(PathSettings::all(None, 0), Arc::clone(known));
+                let arriving = ArrivingByGpu::new(tracer, Arc::clone(gatherer));
+                let start = Instant::now();
+                arriving.along(world, &rays, &AtomicBool::new(false), &mut Counts::default());
+                if round >= WARM_UP_PASSES {
+                    rates.push(rays.len() as f64 * 1e-6 / start.elapsed().as_secs_f64());
+                }
+                if let Some(error) = gatherer.failure() {
+                    return Err(error.into());
+                }
+            }
+        }
+        Ok(rates.map(median))
     }
 
     /// What `--indirect octree` knows of the light in the end, and the seconds that took.

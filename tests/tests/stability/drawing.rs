@@ -18,13 +18,14 @@ pub(crate) struct Technique {
 }
 
 /// Those of the CPU first.
-pub(crate) const TECHNIQUES: [Technique; 6] = [
+pub(crate) const TECHNIQUES: [Technique; 7] = [
     Technique::on_cpu(Indirect::Path),
     Technique::on_cpu(Indirect::Octree),
     Technique::on_cpu(Indirect::Irradiance),
     Technique::on_cpu(Indirect::Auto),
     Technique { indirect: Indirect::Path, backend: Backend::Gpu },
     Technique { indirect: Indirect::Octree, backend: Backend::Gpu },
+    Technique { indirect: Indirect::Irradiance, backend: Backend::Gpu },
 ];
 
 impl Technique {
@@ -125,7 +126,8 @@ pub(crate) fn name(technique: Technique) -> &'static str {
         (Indirect::Auto, Backend::Cpu) => "auto",
         (Indirect::Path, Backend::Cpu) => "path",
         (Indirect::Octree, Backend::Cpu) => "octree",
-        (Indirect::Irradiance, _) => "irradiance",
+        (Indirect::Irradiance, Backend::Cpu) => "irradiance",
+        (Indirect::Irradiance, Backend::Gpu) => "irradiance, gpu",
         (Indirect::None, _) => "none",
         (Indirect::Auto, Backend::Gpu) => "auto, gpu",
         (Indirect::Path, Backend::Gpu) => "path, gpu",

@@ -138,6 +138,11 @@ impl PixelSampler {
         mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15))
     }
 
+    /// What its numbers depend on: a key and an index. For twins of [`PixelSampler::four`].
+    pub fn name(&self) -> (u64, u32) {
+        (self.key, self.index)
+    }
+
     /// Four numbers in [0, 1) of dimension set `set`.
     pub fn four(&self, set: u32) -> [f32; 4] {
         point(self.key.wrapping_add(u64::from(set).wrapping_mul(0x9e37_79b9_7f4a_7c15)), self.index)

@@ -1,8 +1,9 @@
 //! Where a picture is drawn: on the CPU, or on a graphics card.
 //!
-//! Light is learnt and errors are measured on the CPU in either case; what a card draws are samples of the picture, the same
-//! that the CPU would have drawn but for rounding. So a picture may be begun on one and ended on the other, and where a card
-//! fails, the CPU goes on.
+//! What a card draws are samples of the picture, the same that the CPU would have drawn but for rounding. So a picture may be begun
+//! on one and ended on the other, and where a card fails, the CPU goes on. Records of irradiance cannot be looked up on a
+//! card: such pictures are drawn on the CPU, and the card gathers the light of the records. Other light is learnt and errors are
+//! measured on the CPU in either case.
 
 use std::{
     sync::{Arc, atomic::AtomicBool},
@@ -11,12 +12,13 @@ use std::{
 
 use super::{Backend, Indirect, RenderSettings, Rendering, all_paths, beside};
 use crate::{
+    effects::EffectPlan,
     film::{Film, PictureSize},
     gpu::GpuError,
     scene::CameraView,
     technique::{
-        Canvas, Products, Progress, Step, Technique, View,
-        path::{GpuPathTracer, GpuScene, PathTracer},
+        ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
+        path::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, rays_over_a_picture},
     },
     transport::World,
 };
@@ -25,8 +27,20 @@ use crate::{
 const TRIAL_SIDE_MAX: u32 = 256;
 /// Passes of each; the fastest counts.
 const TRIAL_PASSES: u32 = 2;
+/// Rays that light is gathered along for each pixel of such a picture: as many in all as some hundred records send, so that a card
+/// has enough to do.
+const TRIAL_RAYS: u32 = 2;
 
-/// Why a picture cannot be drawn on a graphics card.
+/// What a card does for a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CardWork {
+    /// It draws samples.
+    Draws,
+    /// It gathers the light of records of irradiance.
+    Gathers,
+}
+
+/// Why a card can do nothing for a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{technique} is drawn on the CPU only: its {what} cannot be looked up on a graphics card yet")]
 pub struct CpuOnly {
@@ -34,7 +48,7 @@ pub struct CpuOnly {
     what: &'static str,
 }
 
-/// Seconds that a pass takes on either backend.
+/// Seconds that a pass takes on either backend, or gathering light along as many rays as one would.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackendTrial {
     /// On the threads of the pool that it was asked in.
@@ -58,6 +72,9 @@ impl BackendTrial {
         let size = PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size);
         let world = scene.world();
         let view = View::new(world, view, size);
+        if settings.card_work() == Ok(CardWork::Gathers) {
+            return BackendTrial::of_gathering(scene, &view, size, settings);
+        }
         let mut cpu = PathTracer::new(all_paths(settings));
         let mut card = GpuPathTracer::new(Arc::clone(scene), all_paths(settings));
         let cpu_seconds = fastest_pass(&mut cpu, world, &view, size);
@@ -66,6 +83,27 @@ impl BackendTrial {
             Some(error) => Err(error.clone()),
             None => Ok(BackendTrial { cpu_seconds, gpu_seconds }),
         }
+    }
+
+    /// Of direct light: what is known of other light is looked up on top of that on both.
+    fn of_gathering(
+        scene: &Arc<GpuScene>,
+        view: &View,
+        size: PictureSize,
+        settings: &RenderSettings,
+    ) -> Result<BackendTrial, GpuError> {
+        let world = scene.world();
+        let rays = rays_over_a_picture(world, view, size, TRIAL_RAYS);
+        let gatherer = Arc::new(GpuGatherer::new(Arc::clone(scene)));
+        let tracer = || PathTracer::new(all_paths(settings).asking());
+        let card = ArrivingByGpu::new(tracer(), Arc::clone(&gatherer));
+        let gpu_seconds = fastest(|| gather(&card, world, &rays));
+        if let Some(error) = gatherer.failure() {
+            return Err(error);
+        }
+        // From now on the CPU answers, in the same batches.
+        gatherer.stop();
+        Ok(BackendTrial { cpu_seconds: fastest(|| gather(&card, world, &rays)), gpu_seconds })
     }
 
     /// The card is.
@@ -77,16 +115,25 @@ impl BackendTrial {
 fn fastest_pass(technique: &mut dyn Technique, world: &World, view: &View, size: PictureSize) -> f64 {
     let mut film = Film::new(size);
     let cancel = AtomicBool::new(false);
-    let fastest = (0..TRIAL_PASSES)
-        .map(|_| {
-            let start = Instant::now();
-            let (canvas, products) = (Some(Canvas { view, film: &mut film }), &mut Products::default());
-            technique.step(&mut Step { world, products, canvas, cancel: &cancel });
-            start.elapsed().as_secs_f64()
-        })
-        .fold(f64::INFINITY, f64::min);
+    let seconds = fastest(|| {
+        let (canvas, products) = (Some(Canvas { view, film: &mut film }), &mut Products::default());
+        technique.step(&mut Step { world, products, canvas, cancel: &cancel });
+    });
     // A pass that a lost device cut short is no fast one.
-    if film.passes_min() == TRIAL_PASSES { fastest } else { f64::INFINITY }
+    if film.passes_min() == TRIAL_PASSES { seconds } else { f64::INFINITY }
+}
+
+fn gather(arriving: &dyn ArrivingLight, world: &World, rays: &[GatherRay]) {
+    arriving.along(world, rays, &AtomicBool::new(false), &mut Counts::default());
+}
+
+fn fastest(mut work: impl FnMut()) -> f64 {
+    let seconds = |_| {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_secs_f64()
+    };
+    (0..TRIAL_PASSES).map(seconds).fold(f64::INFINITY, f64::min)
 }
 
 /// Rays a second of the CPU, before it has traced any.
@@ -98,12 +145,23 @@ const RATE_KNOWN_SECONDS: f64 = 0.05;
 #[derive(Debug)]
 pub(super) struct OnGpu {
     scene: Arc<GpuScene>,
-    drawing: GpuPathTracer,
+    work: OnGpuWork,
     /// For the path-traced film beside it.
     tracing: Option<GpuPathTracer>,
     /// What the CPU traced beside, and the seconds that took.
     cpu_rays: u64,
     cpu_seconds: f64,
+}
+
+/// What draws or gathers.
+#[derive(Debug)]
+enum OnGpuWork {
+    Draws(Box<GpuPathTracer>),
+    Gathers {
+        gatherer: Arc<GpuGatherer>,
+        /// Rays of it that were taken note of.
+        noted: u64,
+    },
 }
 
 impl OnGpu {
@@ -114,51 +172,91 @@ impl OnGpu {
         (rate * seconds) as u64
     }
 
-    fn failure(&self) -> Option<&GpuError> {
-        self.drawing.failure().or(self.tracing.as_ref().and_then(GpuPathTracer::failure))
+    /// Work that is not done in rays says nothing of the CPU's rate.
+    fn note_cpu_work(&mut self, rays: u64, seconds: f64) {
+        if rays > 0 {
+            self.cpu_rays += rays;
+            self.cpu_seconds += seconds;
+        }
+    }
+
+    /// Seconds of compiling shaders for its scene.
+    pub(super) fn shader_seconds(&self) -> f64 {
+        self.scene.shader_seconds()
+    }
+
+    fn failure(&self) -> Option<GpuError> {
+        let of_work = match &self.work {
+            OnGpuWork::Draws(drawing) => drawing.failure().cloned(),
+            OnGpuWork::Gathers { gatherer, .. } => gatherer.failure(),
+        };
+        of_work.or_else(|| self.tracing.as_ref()?.failure().cloned())
     }
 }
 
 impl RenderSettings {
-    /// Whether a card can draw such pictures.
+    /// What a card can do for such pictures.
     ///
-    /// Errors: [`CpuOnly`] for those that look up records of irradiance.
-    pub fn draws_on_gpu(&self) -> Result<(), CpuOnly> {
+    /// Errors: [`CpuOnly`] for those that are chained on the CPU.
+    pub fn card_work(&self) -> Result<CardWork, CpuOnly> {
         match self.indirect {
-            Indirect::Path | Indirect::Octree | Indirect::None => Ok(()),
-            Indirect::Auto if self.backend == Backend::Gpu => Ok(()),
+            Indirect::Path | Indirect::Octree | Indirect::None => Ok(CardWork::Draws),
+            Indirect::Auto if self.backend == Backend::Gpu => Ok(CardWork::Draws),
             Indirect::Auto => {
                 Err(CpuOnly { technique: "auto, as it is chained on the CPU,", what: "irradiance cache" })
             }
-            Indirect::Irradiance => Err(CpuOnly { technique: "irradiance", what: "irradiance cache" }),
+            Indirect::Irradiance => Ok(CardWork::Gathers),
+        }
+    }
+
+    /// Uploads all and compiles what such pictures of a scene need, so that none waits for it.
+    ///
+    /// Errors: what the card does not do.
+    pub fn make_ready(&self, scene: &GpuScene) -> Result<(), GpuError> {
+        let learns = || self.learns(&EffectPlan::of(scene.world().scene())).is_some();
+        match self.card_work() {
+            Ok(CardWork::Draws) => scene.make_ready(learns()),
+            // With a bound on scatterings nobody is asked: see `Learner`.
+            Ok(CardWork::Gathers) => scene.make_ready_to_gather(self.bounces_max.is_none()),
+            Err(_) => Ok(()),
         }
     }
 }
 
 impl Rendering {
-    /// Draws on a card from now on. A film that shows caustics by photons of its own stays on the CPU, as long as nothing on the
-    /// card looks at those: without them a gloss that sees a lamp in a mirror or by way of glass finds it in a few bright samples
-    /// that no measure of some hundred pixels meets (rough metal in `cornell-glossy`: 41 % where 10 % were measured).
+    /// Draws on a card from now on; pictures of records gather the light of those there, if they learn by themselves. A film that
+    /// shows caustics by photons of its own stays on the CPU, as long as nothing on the card looks at those: without them a gloss
+    /// that sees a lamp in a mirror or by way of glass finds it in a few bright samples that no measure of some hundred pixels
+    /// meets (rough metal in `cornell-glossy`: 41 % where 10 % were measured).
     ///
     /// - `scene`: of the same world
     ///
-    /// Errors: as [`RenderSettings::draws_on_gpu`].
+    /// Errors: as [`RenderSettings::card_work`], and for pictures of records that others make.
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) -> Result<(), CpuOnly> {
-        self.settings.draws_on_gpu()?;
-        self.gpu = Some(Box::new(OnGpu {
-            drawing: GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings)),
-            scene,
-            tracing: None,
-            cpu_rays: 0,
-            cpu_seconds: 0.0,
-        }));
+        let work = match self.settings.card_work()? {
+            CardWork::Gathers if self.learnt.is_some() => {
+                let made_by_others = CpuOnly { technique: "irradiance", what: "irradiance cache" };
+                let learner = self.learner.as_mut().ok_or(made_by_others)?;
+                let gatherer = Arc::new(GpuGatherer::new(Arc::clone(&scene)));
+                learner.gather_on(Arc::clone(&gatherer));
+                OnGpuWork::Gathers { gatherer, noted: 0 }
+            }
+            // Nothing is looked up where there is no indirect light.
+            _ => {
+                let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
+                OnGpuWork::Draws(Box::new(drawing))
+            }
+        };
+        self.gpu = Some(Box::new(OnGpu { work, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 }));
         self.gpu_failure = None;
         Ok(())
     }
 
     /// Goes on by the CPU.
     pub fn leave_gpu(&mut self) {
-        self.gpu = None;
+        if let Some(OnGpuWork::Gathers { gatherer, .. }) = self.gpu.take().map(|gpu| gpu.work) {
+            gatherer.stop();
+        }
     }
 
     /// It is drawn on a card.
@@ -181,16 +279,39 @@ impl Rendering {
         self.gpu_passes
     }
 
+    /// Rays along which a card gathered light for records.
+    pub fn gpu_gathered_rays(&self) -> u64 {
+        self.gpu_gathered_rays
+    }
+
     /// The scene on the card that it is drawn on.
     pub fn gpu_scene(&self) -> Option<&Arc<GpuScene>> {
         self.gpu.as_ref().map(|gpu| &gpu.scene)
     }
 
-    /// The CPU did this beside a card. Work that is not done in rays says nothing of their rate.
+    /// This was done for learning; takes note of failures.
+    ///
+    /// - `shader_seconds`: of the scene on the card, before
+    pub(super) fn note_learning(&mut self, rays: u64, start: Instant, shader_seconds: f64) {
+        let Some(gpu) = self.gpu.as_mut() else { return };
+        let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shader_seconds);
+        if let OnGpuWork::Gathers { gatherer, noted } = &mut gpu.work {
+            let gathered = gatherer.ray_count();
+            let is_by_card = gathered > *noted;
+            self.gpu_gathered_rays += gathered - *noted;
+            *noted = gathered;
+            if is_by_card || gatherer.failure().is_some() {
+                self.count_gpu_work(rays, seconds);
+                return;
+            }
+        }
+        gpu.note_cpu_work(rays, seconds);
+    }
+
+    /// The CPU did this beside a card.
     pub(super) fn note_cpu_work(&mut self, rays: u64, start: Instant) {
-        if let Some(gpu) = self.gpu.as_mut().filter(|_| rays > 0) {
-            gpu.cpu_rays += rays;
-            gpu.cpu_seconds += start.elapsed().as_secs_f64();
+        if let Some(gpu) = &mut self.gpu {
+            gpu.note_cpu_work(rays, start.elapsed().as_secs_f64());
         }
     }
 
@@ -201,11 +322,12 @@ impl Rendering {
         if self.caustics.is_some() || self.hidden[0].is_some() && !self.technique.asks() {
             return None;
         }
-        gpu.drawing.draw_as(&self.technique);
+        let OnGpuWork::Draws(drawing) = &mut gpu.work else { return None };
+        drawing.draw_as(&self.technique);
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
-        let progress = step_on_gpu(&mut gpu.drawing, (&self.world, &self.view), &mut self.film, cancel);
+        let progress = step_on_gpu(drawing, (&self.world, &self.view), &mut self.film, cancel);
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
-        let rays = self.count_gpu_work(&progress, seconds);
+        let rays = self.count_pass(&progress, seconds);
         self.looked_up_rays += rays;
         Some(progress)
     }
@@ -223,20 +345,24 @@ impl Rendering {
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
         let progress = step_on_gpu(tracing, (&self.world, &self.view), film, cancel);
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
-        let rays = self.count_gpu_work(&progress, seconds);
+        let rays = self.count_pass(&progress, seconds);
         self.traced_rays += rays;
         Some(progress)
     }
 
-    /// What a pass on the card counts for, in rays of the CPU; takes note of failures.
-    fn count_gpu_work(&mut self, progress: &Progress, seconds: f64) -> u64 {
+    fn count_pass(&mut self, progress: &Progress, seconds: f64) -> u64 {
+        self.gpu_passes += u64::from(progress.complete);
+        self.count_gpu_work(progress.counts.all_rays(), seconds)
+    }
+
+    /// What work on the card counts for, in rays of the CPU; takes note of failures.
+    fn count_gpu_work(&mut self, rays_on_card: u64, seconds: f64) -> u64 {
         let Some(gpu) = &self.gpu else { return 0 };
         let rays = gpu.rays_in(seconds);
-        self.surplus_rays += rays as i64 - progress.counts.all_rays() as i64;
-        self.gpu_passes += u64::from(progress.complete);
+        self.surplus_rays += rays as i64 - rays_on_card as i64;
         if let Some(error) = gpu.failure() {
-            self.gpu_failure = Some(error.clone());
-            self.gpu = None;
+            self.gpu_failure = Some(error);
+            self.leave_gpu();
         }
         rays
     }

@@ -1,5 +1,7 @@
 //! What is learnt of the light of a scene, for one picture or for all who look at it, before and while they are drawn.
 
+#[cfg(feature = "gpu")]
+use std::num::NonZeroUsize;
 use std::{
     collections::HashMap,
     sync::{Arc, atomic::AtomicBool},
@@ -9,12 +11,17 @@ use std::{
 use super::{
     Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage, learning::RoundUnderWay,
 };
+#[cfg(feature = "gpu")]
+use crate::technique::{
+    ArrivingLight,
+    path::{ArrivingByGpu, GpuGatherer},
+};
 use crate::{
     film::PictureSize,
     scene::CameraView,
     technique::{
         Counts, Edit, Products, SecondaryLight, Step, Technique,
-        irradiance::{IrradianceCaching, IrradianceSettings},
+        irradiance::IrradianceCaching,
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
     },
@@ -23,6 +30,10 @@ use crate::{
 
 /// Share of the time there is that may go into what records of irradiance are gathered from.
 const GATHERED_FROM_SHARE: f64 = 0.5;
+
+/// Records that are found missing together where a card gathers for them: a few keep no card busy.
+#[cfg(feature = "gpu")]
+const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap();
 
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
@@ -57,6 +68,9 @@ pub struct Learner {
     gaze_count: u64,
     record_seconds: f64,
     record_counts: Counts,
+    /// What gathers light for records on a card.
+    #[cfg(feature = "gpu")]
+    gatherer: Option<Arc<GpuGatherer>>,
 }
 
 impl Learner {
@@ -88,7 +102,17 @@ impl Learner {
             gaze_count: 0,
             record_seconds: 0.0,
             record_counts: Counts::default(),
+            #[cfg(feature = "gpu")]
+            gatherer: None,
         }
+    }
+
+    /// Gathers the light of records to come on a card, and more of them together. Call it before the first [`Learner::step`].
+    #[cfg(feature = "gpu")]
+    pub(super) fn gather_on(&mut self, gatherer: Arc<GpuGatherer>) {
+        let together = &mut self.of.irradiance.records_per_batch;
+        *together = (*together).max(RECORDS_TOGETHER_ON_CARD);
+        self.gatherer = Some(gatherer);
     }
 
     /// It may take so many seconds from now on: what would not be known by then is not begun.
@@ -174,7 +198,15 @@ impl Learner {
         }
         let start = Instant::now();
         let records = self.records.get_or_insert_with(|| {
-            let mut records = records_over(&self.settings, self.of.irradiance, self.known.clone());
+            let (tracer, base) = tracer_of_records(&self.settings, self.known.clone());
+            #[cfg(feature = "gpu")]
+            let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {
+                Some(gatherer) => Arc::new(ArrivingByGpu::new(tracer, Arc::clone(gatherer))),
+                None => Arc::new(tracer),
+            };
+            #[cfg(not(feature = "gpu"))]
+            let arriving = Arc::new(tracer);
+            let mut records = IrradianceCaching::new(self.of.irradiance, arriving, base);
             // In an order that does not depend on the map.
             let mut gazes: Vec<_> = self.gazes.iter().collect();
             gazes.sort_unstable_by_key(|(key, _)| **key);
@@ -305,18 +337,17 @@ pub struct RecordReport {
     pub bytes: usize,
 }
 
-/// Records gathered from direct light and what is known of the rest. With a bound on scatterings their rays are traced to the
-/// end instead: photons know only what reaches a surface by all of the scatterings asked for, one more than is left there.
-fn records_over(
+/// What answers for the rays of records: direct light and what is known of the rest. With a bound on scatterings they are traced
+/// to the end instead: photons know only what reaches a surface by all of the scatterings asked for, one more than is left there.
+fn tracer_of_records(
     settings: &RenderSettings,
-    of: IrradianceSettings,
     base: Option<Arc<dyn SecondaryLight>>,
-) -> IrradianceCaching {
+) -> (PathTracer, Option<Arc<dyn SecondaryLight>>) {
     let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
     let path = PathSettings::all(bounces_max, settings.seed);
-    let arriving = match base.clone().filter(|_| bounces_max.is_none()) {
+    let tracer = match base.clone().filter(|_| bounces_max.is_none()) {
         Some(base) => PathTracer::with_secondary(path, base),
         None => PathTracer::new(path),
     };
-    IrradianceCaching::new(of, Arc::new(arriving), base)
+    (tracer, base)
 }

@@ -95,6 +95,8 @@ impl Rendering {
         }
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
+        #[cfg(feature = "gpu")]
+        let shader_seconds = self.gpu.as_ref().map_or(0.0, |gpu| gpu.shader_seconds());
         let is_better = learner.step(&self.world, cancel);
         let counts = learner.counts() - before;
         let known = learner.known().cloned();
@@ -103,7 +105,7 @@ impl Rendering {
         }
         self.counts += counts;
         #[cfg(feature = "gpu")]
-        self.note_cpu_work(counts.all_rays(), start);
+        self.note_learning(counts.all_rays(), start, shader_seconds);
         if !is_first {
             self.lead += self.work(start, spent_before);
         }

@@ -43,7 +43,7 @@ use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 #[cfg(feature = "gpu")]
-pub use backend::{BackendTrial, CpuOnly};
+pub use backend::{BackendTrial, CardWork, CpuOnly};
 pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
@@ -78,7 +78,8 @@ pub enum Learnt {
     Records,
 }
 
-/// Where the samples of a picture are drawn. Light is learnt and errors are measured on the CPU in either case.
+/// Where the samples of a picture are drawn, and the light of records is gathered. Other light is learnt and errors are measured
+/// on the CPU in either case.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Backend {
     /// On the CPU.
@@ -212,6 +213,8 @@ pub struct Rendering {
     gpu_failure: Option<GpuError>,
     #[cfg(feature = "gpu")]
     gpu_passes: u64,
+    #[cfg(feature = "gpu")]
+    gpu_gathered_rays: u64,
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
     /// What stands for them in the first pass.
@@ -320,6 +323,8 @@ impl Rendering {
             gpu_failure: None,
             #[cfg(feature = "gpu")]
             gpu_passes: 0,
+            #[cfg(feature = "gpu")]
+            gpu_gathered_rays: 0,
             learnt,
             looked_up,
             caustics,

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use lumicast_engine::{
-    effects::EffectPlan,
     film::PictureSize,
     gpu::{AdapterChoice, AdapterReport, Gpu},
-    render::{self, BackendTrial, RenderSettings, Rendering},
+    render::{self, BackendTrial, CardWork, RenderSettings, Rendering},
     scene::CameraView,
     technique::path::GpuScene,
     transport::World,
@@ -34,14 +33,14 @@ impl DrawnOn {
         match backend {
             Backend::Cpu => Ok(DrawnOn::Cpu),
             Backend::Gpu => {
-                settings
-                    .draws_on_gpu()
+                let work = settings
+                    .card_work()
                     .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
                 // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
                 let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
-                eprintln!("drawing on {}: compiling shaders", described(&gpu.report()));
+                eprintln!("{} on {}: compiling shaders", doing(work), described(&gpu.report()));
                 let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
-                scene.make_ready(asks(world, settings)).map_err(|error| unusable(&error))?;
+                settings.make_ready(&scene).map_err(|error| unusable(&error))?;
                 Ok(DrawnOn::Gpu(scene))
             }
             Backend::Auto => Ok(DrawnOn::tried(world, (view, size), settings)),
@@ -55,28 +54,30 @@ impl DrawnOn {
         settings: &RenderSettings,
     ) -> DrawnOn {
         let settings = &RenderSettings { backend: render::Backend::Gpu, ..*settings };
-        if settings.draws_on_gpu().is_err() || !graphics::may_have_card() {
+        let Ok(work) = settings.card_work() else { return DrawnOn::Cpu };
+        if !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
         let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
         eprintln!("trying {name}: compiling shaders");
-        if let Err(error) = scene.make_ready(asks(world, settings)) {
-            eprintln!("drawing on the CPU, not on {name}: {error}");
+        let (doing, tried) = (doing(work), tried(work));
+        if let Err(error) = settings.make_ready(&scene) {
+            eprintln!("{doing} on the CPU, not on {name}: {error}");
             return DrawnOn::Cpu;
         }
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
-                let took = format!("a small picture takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                let took = format!("{tried} takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
                 if trial.gpu_is_faster() {
-                    eprintln!("drawing on {name}: {took}");
+                    eprintln!("{doing} on {name}: {took}");
                     return DrawnOn::Gpu(scene);
                 }
-                eprintln!("drawing on the CPU, not on {name}: {took}");
+                eprintln!("{doing} on the CPU, not on {name}: {took}");
             }
-            Err(error) => eprintln!("drawing on the CPU, not on {name}: {error}"),
+            Err(error) => eprintln!("{doing} on the CPU, not on {name}: {error}"),
         }
         DrawnOn::Cpu
     }
@@ -124,9 +125,20 @@ impl DrawnOn {
     }
 }
 
-/// Light that comes by way of other surfaces is looked up in such pictures.
-fn asks(world: &World, settings: &RenderSettings) -> bool {
-    settings.learns(&EffectPlan::of(world.scene())).is_some()
+/// What a card does for a picture, in words.
+fn doing(work: CardWork) -> &'static str {
+    match work {
+        CardWork::Draws => "drawing",
+        CardWork::Gathers => "gathering light for records",
+    }
+}
+
+/// What it is tried by.
+fn tried(work: CardWork) -> &'static str {
+    match work {
+        CardWork::Draws => "a small picture",
+        CardWork::Gathers => "gathering for a small picture",
+    }
 }
 
 /// A card that cannot be used.

@@ -4,13 +4,16 @@
 //! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves.
 
 use std::{
-    sync::{Arc, atomic::Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
-    record,
+    record::GatherBy,
     walk::{Seen, Walk},
 };
 use crate::{
@@ -204,9 +207,12 @@ impl IrradianceCaching {
             return Counts::default();
         }
         let first = batch.records.len();
-        let end = batch.places.len().min(first + self.records_per_step());
-        let (records, counts) =
-            record::gather_all(step.world, &batch.places[first..end], &self.cache.settings, &*self.arriving);
+        let by = self.gather_by(step.world, step.cancel);
+        let end = batch.places.len().min(first + self.records_per_step(by));
+        let Some((records, counts)) = by.gather_all(&batch.places[first..end]) else {
+            self.batch = Some(batch);
+            return Counts::default();
+        };
         self.take_pace(records.len(), start);
         batch.records.extend(records);
         if end < batch.places.len() {
@@ -228,8 +234,16 @@ impl IrradianceCaching {
         counts
     }
 
+    fn gather_by<'a>(&'a self, world: &'a World, cancel: &'a AtomicBool) -> GatherBy<'a> {
+        GatherBy { world, settings: &self.cache.settings, arriving: &*self.arriving, cancel }
+    }
+
     /// Records made in one step, so that whoever moves gets pictures in between. What they become does not depend on it.
-    fn records_per_step(&self) -> usize {
+    fn records_per_step(&self, by: GatherBy<'_>) -> usize {
+        // Cards take many or are slow, and say themselves how many go in some 10 ms.
+        if by.points_at_once() > 1 {
+            return by.points_at_once();
+        }
         if !self.settings.is_paced {
             return STEP_RECORDS;
         }
@@ -292,16 +306,18 @@ impl IrradianceCaching {
     }
 
     /// Gathers once more for the next records of those for which it was done least often.
-    fn refine_some(&mut self, world: &World) -> Counts {
+    fn refine_some(&mut self, step: &Step<'_>) -> Counts {
         let start = Instant::now();
         let Refining { visits, next } = self.refining;
         let is_due = |index: &usize| self.places[*index].1 == visits;
+        let by = self.gather_by(step.world, step.cancel);
         let due: Vec<usize> =
-            (next..self.places.len()).filter(is_due).take(self.records_per_step()).collect();
+            (next..self.places.len()).filter(is_due).take(self.records_per_step(by)).collect();
         let points: Vec<Seen> = due.iter().map(|index| self.places[*index].0).collect();
         let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
-        let (records, counts) =
-            record::refine_all(world, (&points, &old), visits, &self.cache.settings, &*self.arriving);
+        let Some((records, counts)) = by.refine_all((&points, &old), visits) else {
+            return Counts::default();
+        };
         for (index, record) in due.iter().zip(records) {
             self.cache.records[*index] = record;
             self.places[*index].1 += 1;
@@ -326,7 +342,7 @@ impl Technique for IrradianceCaching {
         if !self.is_complete() && !step.cancel.load(Ordering::Relaxed) {
             counts = match self.next_gaze() {
                 Some(index) => self.cover_some(index, step),
-                None => self.refine_some(step.world),
+                None => self.refine_some(step),
             };
         }
         Progress { counts, complete: self.is_complete() }

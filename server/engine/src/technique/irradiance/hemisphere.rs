@@ -6,13 +6,16 @@
 //! stays unbiased, as that of samples which decide over themselves is not [Kirk1991]. Edges of bright patches, where nearly
 //! all noise of a gather comes from, are thus looked at many times over.
 
-use glam::Vec3;
+use std::{ops::Range, sync::atomic::AtomicBool};
 
-use super::{Facing, IrradianceSettings, record::Gradient};
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{IrradianceSettings, record::Gradient, walk::Seen};
 use crate::{
-    accel::{Ray, SurfacePoint},
+    accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
-    technique::{ArrivingLight, Counts},
+    technique::{Arrived, ArrivingLight, Counts, GatherRay},
     transport::World,
 };
 
@@ -51,12 +54,10 @@ impl Half {
         }
     }
 
-    fn add(&mut self, cells: &[usize], samples: &[(Rgb, f32)]) {
-        for (cell, (radiance, nearness)) in cells.iter().zip(samples) {
-            self.radiance_sum[*cell] += *radiance;
-            self.nearness_sum[*cell] += nearness;
-            self.counts[*cell] += 1.0;
-        }
+    fn add(&mut self, cell: usize, radiance: Rgb, nearness: f32) {
+        self.radiance_sum[cell] += radiance;
+        self.nearness_sum[cell] += nearness;
+        self.counts[cell] += 1.0;
     }
 
     fn radiance(&self, cell: usize) -> Rgb {
@@ -64,13 +65,11 @@ impl Half {
     }
 }
 
-/// What sends the rays of one hemisphere.
+/// A hemisphere that is being sampled, in two rounds: through every cell, and where that shows uneven light.
 struct Gathering<'a> {
-    world: &'a World,
     point: &'a SurfacePoint,
     /// Of the triangle, on the side that receives.
     n_geo: Vec3,
-    arriving: &'a dyn ArrivingLight,
     frame: Frame,
     rings: usize,
     sectors: usize,
@@ -79,39 +78,95 @@ struct Gathering<'a> {
     /// Nothing counts as nearer than this, m.
     nearest_m: f32,
     sent: u32,
+    halves: [Half; 2],
+    /// Cells that the next rays of each half go through, which may be named more than once.
+    due: [Vec<usize>; 2],
 }
 
-impl Gathering<'_> {
-    /// One ray through each of the `cells`, which may be named more than once; what it brings, and 1 / its length in 1/m.
-    fn send(&mut self, cells: &[usize], counts: &mut Counts) -> Vec<(Rgb, f32)> {
-        let first = self.sent;
-        self.sent += cells.len() as u32;
-        let rays: Vec<Ray> = (first..).zip(cells).map(|(number, cell)| self.ray(number, *cell)).collect();
-        let mut met = vec![None; rays.len()];
-        self.world.closest_hits(&rays, &mut met);
-        (first..)
-            .zip(rays.iter().zip(met))
-            .map(|(number, (ray, met)): (u32, (&Ray, _))| {
-                let sampler =
-                    sobol::PixelSampler::new(self.key, GATHER_SEQUENCE, (self.key >> 32) as u32, number);
-                let radiance = self.arriving.radiance(self.world, ray, met, &sampler, counts);
-                // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
-                // triangle beside from within at no distance, says nothing of how light changes along the surface.
-                let is_before = ray.direction.dot(self.n_geo) > 0.0;
-                let nearness = met.filter(|_| is_before).map_or(0.0, |hit| 1.0 / hit.t.max(self.nearest_m));
-                (if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness)
-            })
-            .collect()
+impl<'a> Gathering<'a> {
+    /// - `visit`: how often the point was gathered at before: names other rays
+    fn new(world: &World, seen: &'a Seen, settings: &IrradianceSettings, visit: u32) -> Gathering<'a> {
+        let Seen { point, facing, .. } = seen;
+        let (rings, sectors) = settings.strata();
+        // A record depends on its place alone, not on when it was made.
+        let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
+        let key = place.fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(bits)));
+        let cells: Vec<usize> = (0..rings * sectors).collect();
+        Gathering {
+            point,
+            n_geo: facing.n_geo,
+            frame: Frame::around(facing.normal),
+            rings,
+            sectors,
+            key,
+            nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
+            sent: 0,
+            halves: [Half::of(cells.len()), Half::of(cells.len())],
+            due: [cells.clone(), cells],
+        }
     }
 
-    fn ray(&self, number: u32, cell: usize) -> Ray {
+    /// The rays that are due, half by half.
+    fn rays(&self) -> impl Iterator<Item = GatherRay> {
+        (self.sent..).zip(self.due.iter().flatten()).map(|(number, cell)| self.ray(number, *cell))
+    }
+
+    fn ray(&self, number: u32, cell: usize) -> GatherRay {
         let [u, v, ..] = sobol::point(self.key, number);
         let (ring, sector) = (cell / self.sectors, cell % self.sectors);
         let sin2 = (ring as f32 + u) / self.rings as f32;
         let phi = std::f32::consts::TAU * (sector as f32 + v) / self.sectors as f32;
         let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(0.0).sqrt());
         let direction = self.frame.to_world(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos));
-        self.point.ray_towards(direction.normalize())
+        GatherRay {
+            ray: self.point.ray_towards(direction.normalize()),
+            sampler: sobol::PixelSampler::new(self.key, GATHER_SEQUENCE, (self.key >> 32) as u32, number),
+        }
+    }
+
+    /// Takes in what the rays that were due have brought.
+    fn take(&mut self, rays: &[GatherRay], arrived: &[Arrived]) {
+        self.sent += rays.len() as u32;
+        let mut brought = rays.iter().zip(arrived);
+        for (half, due) in self.halves.iter_mut().zip(&mut self.due) {
+            for (cell, (GatherRay { ray, .. }, arrived)) in std::mem::take(due).into_iter().zip(&mut brought)
+            {
+                let radiance = arrived.radiance;
+                // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
+                // triangle beside from within at no distance, says nothing of how light changes along the surface.
+                let is_before = ray.direction.dot(self.n_geo) > 0.0;
+                let distance_m = arrived.distance_m.filter(|_| is_before);
+                let nearness = distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
+                half.add(cell, if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness);
+            }
+        }
+    }
+
+    /// Looks again where light is uneven, each half where the other says so.
+    fn look_again(&mut self, settings: &IrradianceSettings) {
+        // Each of two independent halves may be off by √2 as much as their mean.
+        let noise = std::f32::consts::SQRT_2 * settings.noise;
+        let cells = self.rings * self.sectors;
+        let [of_first, of_second] = self.halves.each_ref().map(|half| self.uneven(half, noise, cells));
+        self.due = [of_second, of_first];
+    }
+
+    fn end(self) -> Hemisphere {
+        let [first, second] = &self.halves;
+        let cells = 0..self.rings * self.sectors;
+        let radiance =
+            cells.clone().map(|cell| (first.radiance(cell) + second.radiance(cell)) * 0.5).collect();
+        let nearness = cells.map(|cell| {
+            (first.nearness_sum[cell] + second.nearness_sum[cell])
+                / (first.counts[cell] + second.counts[cell])
+        });
+        Hemisphere {
+            frame: self.frame,
+            rings: self.rings,
+            sectors: self.sectors,
+            radiance,
+            nearness: nearness.collect(),
+        }
     }
 
     /// Cells that the other half is to look at again, each as often as it takes, at most so many rays: those that most differ
@@ -157,53 +212,47 @@ impl Gathering<'_> {
     }
 }
 
+/// Rays of one hemisphere that are asked for together.
+pub(super) fn rays_of_a_round(settings: &IrradianceSettings) -> usize {
+    let (rings, sectors) = settings.strata();
+    2 * rings * sectors
+}
+
 impl Hemisphere {
-    /// - `visit`: how often the point was gathered at before: names other rays
+    /// The hemispheres above some points, whose rays are asked for together; `None` if that was cancelled.
+    ///
+    /// - `visit`: how often the points were gathered at before: names other rays
     pub(super) fn sample(
         world: &World,
-        point: &SurfacePoint,
-        facing: &Facing,
+        points: &[Seen],
         settings: &IrradianceSettings,
         visit: u32,
         arriving: &dyn ArrivingLight,
+        cancel: &AtomicBool,
         counts: &mut Counts,
-    ) -> Hemisphere {
-        let (rings, sectors) = settings.strata();
-        let frame = Frame::around(facing.normal);
-        // A record depends on its place alone, not on when it was made.
-        let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
-        let key = place.fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(bits)));
-        let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
-        let mut gathering = Gathering {
-            world,
-            point,
-            n_geo: facing.n_geo,
-            arriving,
-            frame,
-            rings,
-            sectors,
-            key,
-            nearest_m,
-            sent: 0,
-        };
-        let cells: Vec<usize> = (0..rings * sectors).collect();
-        let mut halves = [Half::of(cells.len()), Half::of(cells.len())];
-        for half in &mut halves {
-            half.add(&cells, &gathering.send(&cells, counts));
+    ) -> Option<Vec<Hemisphere>> {
+        let mut all: Vec<Gathering<'_>> =
+            points.par_iter().map(|seen| Gathering::new(world, seen, settings, visit)).collect();
+        for is_last in [false, true] {
+            let mut end = 0;
+            let own: Vec<Range<usize>> = all
+                .iter()
+                .map(|gathering| {
+                    let first = end;
+                    end += gathering.due.iter().map(Vec::len).sum::<usize>();
+                    first..end
+                })
+                .collect();
+            let rays: Vec<GatherRay> = all.par_iter().flat_map_iter(Gathering::rays).collect();
+            let arrived = arriving.along(world, &rays, cancel, counts)?;
+            all.par_iter_mut().zip(own).for_each(|(gathering, own)| {
+                gathering.take(&rays[own.clone()], &arrived[own]);
+                if !is_last {
+                    gathering.look_again(settings);
+                }
+            });
         }
-        // Each of two independent halves may be off by √2 as much as their mean.
-        let noise = std::f32::consts::SQRT_2 * settings.noise;
-        let [of_first, of_second] = halves.each_ref().map(|half| gathering.uneven(half, noise, cells.len()));
-        let [first, second] = &mut halves;
-        first.add(&of_second, &gathering.send(&of_second, counts));
-        second.add(&of_first, &gathering.send(&of_first, counts));
-        let radiance =
-            cells.iter().map(|cell| (first.radiance(*cell) + second.radiance(*cell)) * 0.5).collect();
-        let nearness = cells.iter().map(|cell| {
-            (first.nearness_sum[*cell] + second.nearness_sum[*cell])
-                / (first.counts[*cell] + second.counts[*cell])
-        });
-        Hemisphere { frame, rings, sectors, radiance, nearness: nearness.collect() }
+        Some(all.into_iter().map(Gathering::end).collect())
     }
 
     fn at(&self, ring: usize, sector: usize) -> usize {

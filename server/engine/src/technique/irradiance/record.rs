@@ -1,12 +1,17 @@
 //! One record: the light that a point receives by way of other surfaces, how it changes around, and how far that is to be
 //! trusted.
 
+use std::sync::atomic::AtomicBool;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{IrradianceSettings, hemisphere::Hemisphere, walk::Seen};
+use super::{
+    IrradianceSettings,
+    hemisphere::{self, Hemisphere},
+    walk::Seen,
+};
 use crate::{
-    accel::SurfacePoint,
     math::Rgb,
     technique::{ArrivingLight, Counts},
     transport::{Surface, World},
@@ -117,24 +122,13 @@ impl Record {
         Rgb::new((r + change(0)).max(0.0), (g + change(1)).max(0.0), (b + change(2)).max(0.0))
     }
 
-    /// Gathers the light of the hemisphere above a point.
-    ///
-    /// - `facing`: the side that receives
-    /// - `reach_min_m`: see [`Record::reach_min_m`]
-    pub(super) fn gather(
-        world: &World,
-        point: &SurfacePoint,
-        facing: &Facing,
-        reach_min_m: f32,
-        settings: &IrradianceSettings,
-        arriving: &dyn ArrivingLight,
-        counts: &mut Counts,
-    ) -> Record {
-        let hemisphere = Hemisphere::sample(world, point, facing, settings, 0, arriving, counts);
+    /// Of the hemisphere above a point.
+    fn of(world: &World, seen: &Seen, hemisphere: &Hemisphere, settings: &IrradianceSettings) -> Record {
+        let reach_min_m = seen.pixel_m * settings.pixels_min;
         let mut record = Record {
-            position: point.position,
-            normal: facing.normal,
-            n_geo: facing.n_geo,
+            position: seen.point.position,
+            normal: seen.facing.normal,
+            n_geo: seen.facing.n_geo,
             irradiance: hemisphere.irradiance(),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
             reach_min_m: reach_min_m.min(REACH_MIN_MAX * world.accel().radius()),
@@ -171,47 +165,57 @@ impl Record {
 /// However far a pixel reaches, records count no farther than this share of the scene's radius for it.
 const REACH_MIN_MAX: f32 = 0.1;
 
-/// Gathers at several points at once, in their order.
-pub(super) fn gather_all(
-    world: &World,
-    points: &[Seen],
-    settings: &IrradianceSettings,
-    arriving: &dyn ArrivingLight,
-) -> (Vec<Record>, Counts) {
-    on_all(points.par_iter(), |seen, counts| {
-        let reach_min_m = seen.pixel_m * settings.pixels_min;
-        Record::gather(world, &seen.point, &seen.facing, reach_min_m, settings, arriving, counts)
-    })
+/// What light is gathered with.
+#[derive(Clone, Copy)]
+pub(super) struct GatherBy<'a> {
+    pub(super) world: &'a World,
+    pub(super) settings: &'a IrradianceSettings,
+    pub(super) arriving: &'a dyn ArrivingLight,
+    /// Turns true when the answer is no longer wanted.
+    pub(super) cancel: &'a AtomicBool,
 }
 
-/// Gathers once more for records that were gathered for at these points so many times.
-pub(super) fn refine_all(
-    world: &World,
-    (points, records): (&[Seen], &[Record]),
-    visits: u32,
-    settings: &IrradianceSettings,
-    arriving: &dyn ArrivingLight,
-) -> (Vec<Record>, Counts) {
-    on_all(points.par_iter().zip(records), |(seen, record), counts| {
-        let hemisphere =
-            Hemisphere::sample(world, &seen.point, &seen.facing, settings, visits, arriving, counts);
-        let mut record = *record;
-        record.refine(visits, &hemisphere);
-        record
-    })
-}
+impl GatherBy<'_> {
+    /// Gathers at several points at once, in their order; `None` if that was cancelled.
+    pub(super) fn gather_all(self, points: &[Seen]) -> Option<(Vec<Record>, Counts)> {
+        let (hemispheres, counts) = self.hemispheres(points, 0)?;
+        let record = |(seen, hemisphere)| Record::of(self.world, seen, hemisphere, self.settings);
+        Some((points.iter().zip(&hemispheres).map(record).collect(), counts))
+    }
 
-fn on_all<T: Send>(
-    points: impl IndexedParallelIterator<Item = T>,
-    gather: impl Fn(T, &mut Counts) -> Record + Sync,
-) -> (Vec<Record>, Counts) {
-    let gathered: Vec<(Record, Counts)> = points
-        .with_max_len(1)
-        .map(|point| {
-            let mut counts = Counts::default();
-            (gather(point, &mut counts), counts)
-        })
-        .collect();
-    let counts = gathered.iter().map(|(_, counts)| *counts).sum();
-    (gathered.into_iter().map(|(record, _)| record).collect(), counts)
+    /// Gathers once more for records that were gathered for at these points so many times; `None` if that was cancelled.
+    pub(super) fn refine_all(
+        self,
+        (points, records): (&[Seen], &[Record]),
+        visits: u32,
+    ) -> Option<(Vec<Record>, Counts)> {
+        let (hemispheres, counts) = self.hemispheres(points, visits)?;
+        let mut records = records.to_vec();
+        for (record, hemisphere) in records.iter_mut().zip(&hemispheres) {
+            record.refine(visits, hemisphere);
+        }
+        Some((records, counts))
+    }
+
+    /// Points at which light is gathered together.
+    pub(super) fn points_at_once(self) -> usize {
+        (self.arriving.rays_at_once() / hemisphere::rays_of_a_round(self.settings)).max(1)
+    }
+
+    fn hemispheres(self, points: &[Seen], visit: u32) -> Option<(Vec<Hemisphere>, Counts)> {
+        let GatherBy { world, settings, arriving, cancel } = self;
+        let gathered: Option<Vec<(Vec<Hemisphere>, Counts)>> = points
+            .par_chunks(self.points_at_once())
+            .with_max_len(1)
+            .map(|points| {
+                let mut counts = Counts::default();
+                let found =
+                    Hemisphere::sample(world, points, settings, visit, arriving, cancel, &mut counts)?;
+                Some((found, counts))
+            })
+            .collect();
+        let gathered = gathered?;
+        let counts = gathered.iter().map(|(_, counts)| *counts).sum();
+        Some((gathered.into_iter().flat_map(|(hemispheres, _)| hemispheres).collect(), counts))
+    }
 }

@@ -1,10 +1,13 @@
 //! Laws of the irradiance cache [techniques.md].
 
-use std::{num::NonZeroUsize, sync::Arc};
+use std::{
+    num::NonZeroUsize,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::{walk::Seen, *};
+use super::{record::GatherBy, walk::Seen, *};
 use crate::{
     accel::{Hit, Ray, SurfacePoint},
     film::PictureSize,
@@ -56,8 +59,18 @@ fn with_rays(count: usize) -> IrradianceSettings {
 }
 
 fn record(world: &World, x: f32, z: f32, n: Vec3, rays: usize, arriving: &dyn ArrivingLight) -> Record {
-    let mut counts = Counts::default();
-    Record::gather(world, &floor(world, x, z), &Facing::flat(n), 0.0, &with_rays(rays), arriving, &mut counts)
+    record_at(world, (floor(world, x, z), Facing::flat(n)), &with_rays(rays), arriving).0
+}
+
+fn record_at(
+    world: &World,
+    (point, facing): (SurfacePoint, Facing),
+    settings: &IrradianceSettings,
+    arriving: &dyn ArrivingLight,
+) -> (Record, Counts) {
+    let by = GatherBy { world, settings, arriving, cancel: &AtomicBool::new(false) };
+    let (records, counts) = by.gather_all(&[Seen { point, facing, pixel_m: 0.0 }]).unwrap();
+    (records[0], counts)
 }
 
 /// Even light of radiance 1 is an irradiance of π from wherever, and does not change.
@@ -136,9 +149,7 @@ fn what_lies_behind_a_triangle_makes_no_record_steep() {
         let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
         let facing = Facing::of(&surface, out);
         leaning += usize::from(facing.normal.dot(facing.n_geo) < 0.999);
-        let mut counts = Counts::default();
-        let record =
-            Record::gather(&world, &surface.point, &facing, 0.0, &with_rays(400), &walls_shine, &mut counts);
+        let (record, _) = record_at(&world, (surface.point, facing), &with_rays(400), &walls_shine);
         assert!(record.radius_m > 8.0, "counts as far as {} m at {out}", record.radius_m);
         for gradient in record.moving {
             assert!(gradient.length() * 0.5 < 0.05 * record.irradiance.mean(), "{gradient} at {out}");
@@ -171,10 +182,8 @@ fn a_bright_spot_counts_for_what_it_is() {
     let sum: f64 = (0..COUNT)
         .map(|seed| {
             let settings = IrradianceSettings { seed, ..with_rays(100) };
-            let mut counts = Counts::default();
-            let point = floor(&world, 0.0, 0.0);
-            let record =
-                Record::gather(&world, &point, &Facing::flat(Vec3::Y), 0.0, &settings, &painted, &mut counts);
+            let at = (floor(&world, 0.0, 0.0), Facing::flat(Vec3::Y));
+            let (record, _) = record_at(&world, at, &settings, &painted);
             missed += u32::from(record.irradiance.r < 0.32);
             f64::from(record.irradiance.r)
         })
@@ -193,14 +202,13 @@ fn more_rays_and_visits_take_noise_away() {
     let noise = |share: f32, visits: u32| {
         let irradiances = (0..300).map(|seed| {
             let settings = IrradianceSettings { seed, noise: share, ..with_rays(400) };
-            let mut counts = Counts::default();
-            let mut record =
-                Record::gather(&world, &point, &Facing::flat(Vec3::Y), 0.0, &settings, &painted, &mut counts);
+            let facing = Facing::flat(Vec3::Y);
+            let (mut record, _) = record_at(&world, (point, facing), &settings, &painted);
+            let cancel = AtomicBool::new(false);
+            let by = GatherBy { world: &world, settings: &settings, arriving: &painted, cancel: &cancel };
             for visit in 1..visits {
-                let seen = Seen { point, facing: Facing::flat(Vec3::Y), pixel_m: 0.0 };
-                let (refined, _) =
-                    record::refine_all(&world, (&[seen], &[record]), visit, &settings, &painted);
-                record = refined[0];
+                let seen = Seen { point, facing, pixel_m: 0.0 };
+                record = by.refine_all((&[seen], &[record]), visit).unwrap().0[0];
             }
             f64::from(record.irradiance.r)
         });

@@ -13,7 +13,7 @@ impl LightOctree {
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
-        let sets = self.sets.iter().map(|set| GpuLightSet {
+        let sets = self.sets.iter().zip(&self.gathers).map(|(set, gather)| GpuLightSet {
             normal: set.normal.into(),
             plane_m: set.plane_m,
             first_vdl: set.first_vdl[0],
@@ -21,9 +21,9 @@ impl LightOctree {
             end_vdl: set.end_vdl,
             reach: set.softness[0].reach,
             caustic_reach: set.softness[1].reach,
+            blur_m: gather.radius_m[0],
             padding_0: 0,
             padding_1: 0,
-            padding_2: 0,
         });
         let packed = self.shaded.iter().map(|vdl| {
             let packed = PackedVdl::pack(&Vdl { direction: vdl.direction, irradiance: vdl.scaled });
@@ -37,6 +37,10 @@ impl LightOctree {
                 depth: if self.nodes.children.is_empty() { 0 } else { cube.depth },
                 per_sheet_m2: self.per_sheet_m2,
                 first_sets_at,
+                blur_max_m: self.radius_max_m,
+                padding_0: 0,
+                padding_1: 0,
+                padding_2: 0,
             },
             words,
             sets: sets.collect(),

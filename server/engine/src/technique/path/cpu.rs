@@ -20,7 +20,7 @@ pub(super) const SURVIVAL_MAX: f32 = 0.998;
 pub(super) const BOUNCES_END: u32 = 4096;
 
 /// Near surfaces that are looked past, one from another, at most: in corners the next is near again.
-const NEAR_MAX: u32 = 3;
+pub(super) const NEAR_MAX: u32 = 3;
 
 /// What every path of a step shares.
 #[derive(Clone, Copy)]

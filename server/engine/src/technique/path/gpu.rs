@@ -4,17 +4,19 @@
 //! backends add to one film. What differs is rounding (a card may fuse and reorder), which moves a few paths in ten thousand
 //! to another side of a decision.
 //!
-//! Steps (`shaders/path`), for a slice: `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths
+//! The same paths begin with rays that light is gathered along (`gather.rs`). Steps (`shaders/path`), for a slice: `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths
 //! keep their place, one a pixel; queues hold the places of those that go on, so that later scatterings cost by what is
 //! left of them. How many are left is read now and then only: steps take their size from a buffer that `turn` writes.
 //!
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+mod gather;
 mod scene;
 mod step_clock;
 #[cfg(test)]
 mod tests;
+mod tracing;
 
 use std::sync::{Arc, atomic::Ordering};
 
@@ -22,11 +24,15 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
+pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use scene::GpuScene;
 pub use step_clock::StepSeconds;
 
-use self::scene::{SAMPLE_BYTES, SLICE_MIN};
-use super::{CARD, PathSettings, PathTracer, View, cpu::BOUNCES_END};
+use self::tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN};
+use super::{
+    CARD, PathSettings, PathTracer, View,
+    cpu::{BOUNCES_END, primary_ray},
+};
 use crate::{
     film::{Film, PixelSample},
     gpu::GpuError,
@@ -64,8 +70,8 @@ pub(super) struct GpuPassHeader {
     capacity: u32,
     traced: u32,
     bounces_end: u32,
+    brought: u32,
     padding_0: u32,
-    padding_1: u32,
 }
 
 /// `PixelSample` in WGSL.
@@ -159,10 +165,11 @@ impl GpuPathTracer {
     fn trace_slice(&mut self, begun: &mut Begun, pixel_count: usize) -> Result<Counts, GpuError> {
         let first_pixel = begun.samples.len() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let slice = self.scene.with_ready(pixel_count, self.secondary.as_ref(), |ready| {
-            let capacity = ready.places.capacity;
+        let known = self.secondary.as_ref();
+        let slice = self.scene.trace_with(PathStart::Pixels, pixel_count, known, |tracing| {
+            let capacity = tracing.capacity();
             let path_count = wanted.min(capacity);
-            ready.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
+            tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
         })?;
         begun.samples.extend(
             slice
@@ -170,14 +177,7 @@ impl GpuPathTracer {
                 .chunks_exact(SAMPLE_BYTES as usize)
                 .map(bytemuck::pod_read_unaligned::<GpuPixelSample>),
         );
-        let is_software = self.scene.is_software;
-        let seconds_max = if is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
-        let most = self.scene.slice_max();
-        if slice.first_seconds > seconds_max {
-            self.slice = (self.slice / 2).max(SLICE_MIN);
-        } else if slice.first_seconds < seconds_max / 3.0 && wanted == self.slice {
-            self.slice = (self.slice * 2).min(most);
-        }
+        self.slice = self.scene.slice_after(self.slice, wanted, slice.first_seconds);
         Ok(slice.counts)
     }
 

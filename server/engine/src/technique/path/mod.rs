@@ -32,7 +32,7 @@ use rayon::prelude::*;
 
 pub use gauge::{Gauge, SampleCost};
 #[cfg(feature = "gpu")]
-pub use gpu::{GpuPathTracer, GpuScene, StepSeconds};
+pub use gpu::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, StepSeconds, rays_over_a_picture};
 pub use view::View;
 
 use super::{

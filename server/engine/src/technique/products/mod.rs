@@ -8,7 +8,11 @@ mod packed;
 mod patch;
 mod surfaces;
 
-use std::{collections::HashMap, fmt, sync::Arc};
+use std::{
+    collections::HashMap,
+    fmt,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use glam::Vec3;
 
@@ -79,6 +83,24 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
 }
 
+/// A ray that light is gathered along.
+#[derive(Clone, Copy, Debug)]
+pub struct GatherRay {
+    /// Its direction is a unit vector.
+    pub ray: Ray,
+    /// Random numbers of what it meets.
+    pub sampler: PixelSampler,
+}
+
+/// What such a ray brings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrived {
+    /// See [`ArrivingLight::radiance`].
+    pub radiance: Rgb,
+    /// To what it meets first, m; `None` where that is nothing.
+    pub distance_m: Option<f32>,
+}
+
 /// What arrives along rays: what records of light are gathered from.
 pub trait ArrivingLight: fmt::Debug + Send + Sync {
     /// Radiance that arrives along `ray` from the first diffuse surface on its way, past mirrors and glass: what that surface
@@ -93,6 +115,29 @@ pub trait ArrivingLight: fmt::Debug + Send + Sync {
         sampler: &PixelSampler,
         counts: &mut Counts,
     ) -> Rgb;
+
+    /// How many rays are to be asked for together, about: those of one point, or as many as keep a card busy.
+    fn rays_at_once(&self) -> usize {
+        1
+    }
+
+    /// What arrives along all of `rays`, in their order; `None` if it was cancelled, which only those are who take many at once.
+    fn along(
+        &self,
+        world: &World,
+        rays: &[GatherRay],
+        _cancel: &AtomicBool,
+        counts: &mut Counts,
+    ) -> Option<Vec<Arrived>> {
+        let first: Vec<Ray> = rays.iter().map(|ray| ray.ray).collect();
+        let mut met = vec![None; rays.len()];
+        world.closest_hits(&first, &mut met);
+        let arrived = rays.iter().zip(met).map(|(GatherRay { ray, sampler }, met)| Arrived {
+            radiance: self.radiance(world, ray, met, sampler, counts),
+            distance_m: met.map(|hit| hit.t),
+        });
+        Some(arrived.collect())
+    }
 }
 
 /// Photon maps with what changed since the last ones.

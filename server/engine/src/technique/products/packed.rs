@@ -22,6 +22,14 @@ pub struct GpuOctreeHeader {
     pub per_sheet_m2: f32,
     /// First word of the cells' first groups, behind the nodes.
     pub first_sets_at: u32,
+    /// How far indirect light is blurred where nothing is known, m.
+    pub blur_max_m: f32,
+    /// Nothing.
+    pub padding_0: u32,
+    /// Nothing.
+    pub padding_1: u32,
+    /// Nothing.
+    pub padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.
@@ -42,12 +50,12 @@ pub struct GpuLightSet {
     pub reach: f32,
     /// The same of caustics.
     pub caustic_reach: f32,
+    /// How far indirect light is blurred, m.
+    pub blur_m: f32,
     /// Nothing.
     pub padding_0: u32,
     /// Nothing.
     pub padding_1: u32,
-    /// Nothing.
-    pub padding_2: u32,
 }
 
 /// Light in cells, ready to be copied into buffers.

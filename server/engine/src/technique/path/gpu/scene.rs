@@ -1,51 +1,26 @@
-//! A scene on a graphics card, with places for the paths of a slice: what is uploaded and compiled, and how a slice is traced.
+//! A scene on a graphics card, with places for paths: what is uploaded, and kept for pictures to share.
 
-use std::{
-    sync::{Arc, Mutex, atomic::AtomicU32},
-    time::Instant,
-};
+use std::sync::{Arc, Mutex, atomic::AtomicU32};
 
 use bytemuck::Zeroable;
-use lumicast_shaders::{
-    Constant, PATH_BEGIN, PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN,
-    Step as Shader,
-};
+use lumicast_shaders::Constant;
 
-use super::{GpuCounters, GpuPassHeader, GpuPixelSample};
+use super::{
+    BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
+    tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
+};
 use crate::{
     accel::{GAMMA_5, GAMMA_19},
-    gpu::{
-        AdapterKind, Batch, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Pipeline,
-        Session, locked,
-    },
+    gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
-        Counts, GpuOctreeHeader, LIKE_COS, PackedLight, SecondaryLight,
-        path::cpu::{ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+        GpuOctreeHeader, LIKE_COS, PackedLight, SecondaryLight,
+        path::{
+            NEAR_BLURS,
+            cpu::{NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+        },
     },
     transport::{TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
-
-/// Invocations of a workgroup.
-pub(super) const WORKGROUP: u32 = 64;
-/// Fewest and most paths of a slice, 288 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
-/// its own.
-pub(super) const SLICE_MIN: u32 = 4096;
-pub(super) const SLICE_MAX: u32 = 1 << 18;
-/// The same where the adapter is the CPU itself.
-pub(super) const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
-/// Scatterings of the first batch of a slice, and most of a later one, which has ever fewer paths.
-pub(super) const SCATTERINGS_FIRST: u32 = 4;
-pub(super) const SCATTERINGS_MAX: u32 = 64;
-
-/// Bytes of a path on the card, by buffer: state, hit, shadow ray, sample, places in three queues.
-pub(super) const PATH_BYTES: u64 = 96;
-pub(super) const HIT_BYTES: u64 = 20;
-pub(super) const SHADOW_BYTES: u64 = 80;
-pub(super) const SAMPLE_BYTES: u64 = size_of::<GpuPixelSample>() as u64;
-pub(super) const QUEUES_BYTES: u64 = 12;
-pub(super) const DISPATCH_BYTES: u64 = 32;
-/// Where the sizes of shadow rays begin in the buffer of sizes.
-pub(super) const SHADOW_SIZES_AT: u64 = 12;
 
 /// A scene on a card.
 #[derive(Debug)]
@@ -109,9 +84,12 @@ impl GpuWorld {
 }
 
 impl GpuWorld {
-    pub(super) fn constants_of_shade(&self, asks: bool) -> Vec<(&'static str, Constant)> {
+    pub(super) fn constants_of_shade(&self, from: PathStart, asks: bool) -> Vec<(&'static str, Constant)> {
         let mut constants = self.constants.clone();
         constants.push(("HAS_SECONDARY", Constant::Bool(asks)));
+        constants.push(("LOOKS_PAST", Constant::Bool(asks && from == PathStart::Rays)));
+        constants.push(("NEAR_BLURS", Constant::F32(NEAR_BLURS)));
+        constants.push(("NEAR_MAX", Constant::U32(NEAR_MAX)));
         constants
     }
 }
@@ -163,221 +141,79 @@ impl LightOnCard {
     }
 }
 
-/// Places for the paths of a slice.
-#[derive(Debug)]
-pub(super) struct Places {
-    pub(super) header: Buffer,
-    pub(super) samples: Buffer,
-    pub(super) counters: Buffer,
-    /// Kept for as long as the group that binds them.
-    pub(super) _others: Vec<Buffer>,
-    pub(super) group: BindGroup,
-    pub(super) layout: Arc<Layout>,
-    pub(super) capacity: u32,
-}
-
-impl Places {
-    pub(super) fn new(session: &Session, capacity: u32) -> Result<Places, GpuError> {
-        let count = u64::from(capacity);
-        let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
-        let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
-        let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
-        let shadows = session.buffer_zeroed("shadow rays", count * SHADOW_BYTES)?;
-        let samples = session.buffer_zeroed("samples", count * SAMPLE_BYTES)?;
-        let queues = session.buffer_zeroed("queues", count * QUEUES_BYTES)?;
-        let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
-        let layout = session.layout(&[
-            Binding::Uniform,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-            Binding::Write,
-        ])?;
-        let group =
-            session.bind(&layout, &[&header, &paths, &hits, &shadows, &samples, &queues, &counters])?;
-        let others = vec![paths, hits, shadows, queues];
-        Ok(Places { header, samples, counters, _others: others, group, layout, capacity })
-    }
-}
-
 /// Everything on one device that paths need.
 #[derive(Debug)]
-pub(super) struct Ready {
-    pub(super) session: Arc<Session>,
-    pub(super) world: GpuWorld,
-    pub(super) places: Places,
-    pub(super) sizes: Buffer,
-    pub(super) sizes_group: BindGroup,
-    pub(super) begin: Arc<Pipeline>,
-    pub(super) closest: Arc<Pipeline>,
-    pub(super) shade: Arc<Pipeline>,
-    pub(super) turn: Arc<Pipeline>,
-    pub(super) occluded: Arc<Pipeline>,
-    /// The same step, where it asks for light; compiled when it first does.
-    pub(super) shade_asking: Option<Arc<Pipeline>>,
-    /// What that asks.
-    pub(super) light: Option<LightOnCard>,
-    /// It is the one that runs.
-    pub(super) asks: bool,
+struct Ready {
+    session: Arc<Session>,
+    world: GpuWorld,
+    /// Paths of pixels and of rays, each once they were asked for.
+    pixels: Option<Paths>,
+    rays: Option<Paths>,
+    /// What was last asked for light. It stays on the card until something else is: films that ask and films that do not take
+    /// turns.
+    light: Option<LightOnCard>,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
-    pub(super) shader_seconds: f64,
+    shader_seconds: f64,
 }
 
 impl Ready {
-    pub(super) fn new(session: Arc<Session>, world: &World, capacity: u32) -> Result<Ready, GpuError> {
-        let compiled = session.shader_seconds();
+    fn new(session: Arc<Session>, world: &World) -> Result<Ready, GpuError> {
         let world = GpuWorld::new(&session, world)?;
-        let places = Places::new(&session, capacity)?;
-        let sizes = session.buffer_zeroed("sizes", DISPATCH_BYTES)?;
-        let sizes_layout = session.layout(&[Binding::Write])?;
-        let sizes_group = session.bind(&sizes_layout, &[&sizes])?;
-        let layouts = [&*world.trees_layout, &*world.layout, &*places.layout];
-        let pipeline = |step: &'static Shader| session.pipeline(step, &world.constants, &layouts);
-        let shade = session.pipeline(&PATH_SHADE, &world.constants_of_shade(false), &layouts)?;
-        let turn_layouts = [&*world.trees_layout, &*world.layout, &*places.layout, &*sizes_layout];
-        let mut ready = Ready {
-            begin: pipeline(&PATH_BEGIN)?,
-            closest: pipeline(&PATH_CLOSEST)?,
-            shade,
-            occluded: pipeline(&PATH_OCCLUDED)?,
-            turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
-            places,
-            sizes,
-            sizes_group,
-            shade_asking: None,
-            light: None,
-            asks: false,
-            world,
-            shader_seconds: session.shader_seconds() - compiled,
-            session,
-        };
-        ready.use_first()?;
-        Ok(ready)
+        Ok(Ready { session, world, pixels: None, rays: None, light: None, shader_seconds: 0.0 })
     }
 
-    /// Room for slices of so many paths, if there is less.
-    pub(super) fn make_room(&mut self, capacity: u32) -> Result<(), GpuError> {
-        if self.places.capacity < capacity {
-            self.places = Places::new(&self.session, capacity)?;
+    /// Has places for so many paths of a slice and the steps they go through, also those that ask for light.
+    fn prepare(&mut self, from: PathStart, capacity: u32, asks: bool) -> Result<(), GpuError> {
+        let (session, world) = (&self.session, &self.world);
+        let compiled = session.shader_seconds();
+        if asks && self.light.is_none() {
+            self.light = Some(LightOnCard::nothing(session)?);
         }
-        Ok(())
-    }
-
-    /// Some drivers compile at first use: that is waiting for shaders, not drawing.
-    pub(super) fn use_first(&mut self) -> Result<(), GpuError> {
-        let start = Instant::now();
-        self.trace(&GpuPassHeader::zeroed(), 0, 1)?;
-        self.shader_seconds += start.elapsed().as_secs_f64();
-        Ok(())
-    }
-
-    /// Asks `known` for light from now on, or nobody. What was known stays on the card until something else is: films that ask
-    /// and films that do not take turns.
-    pub(super) fn ask(&mut self, known: Option<&Arc<dyn SecondaryLight>>) -> Result<(), GpuError> {
-        let Some(known) = known else {
-            self.asks = false;
-            return Ok(());
+        let paths = match from {
+            PathStart::Pixels => &mut self.pixels,
+            PathStart::Rays => &mut self.rays,
         };
+        let is_new = paths.is_none();
+        let paths = match paths {
+            Some(paths) => paths,
+            nothing => nothing.insert(Paths::new(session, world, from, capacity)?),
+        };
+        paths.make_room(session, capacity)?;
+        let mut first_seconds = 0.0;
+        if is_new {
+            first_seconds += Tracing { session, world, paths, light: None }.use_first()?;
+        }
+        if let Some(light) = self.light.as_ref().filter(|_| asks)
+            && paths.be_able_to_ask(session, world, light)?
+        {
+            first_seconds += Tracing { session, world, paths, light: Some(light) }.use_first()?;
+        }
+        self.shader_seconds += session.shader_seconds() - compiled + first_seconds;
+        Ok(())
+    }
+
+    /// Brings what `known` knows to the card.
+    fn bring(&mut self, known: &Arc<dyn SecondaryLight>) -> Result<(), GpuError> {
         let before = self.light.as_ref().and_then(|light| light.known.as_ref());
         if !before.is_some_and(|before| Arc::ptr_eq(before, known)) {
             // The old light makes room first.
             self.light = None;
             self.light = Some(LightOnCard::new(&self.session, known)?);
         }
-        self.be_able_to_ask()
-    }
-
-    /// Goes on with the step that asks for light, which is compiled first where that was not done.
-    pub(super) fn be_able_to_ask(&mut self) -> Result<(), GpuError> {
-        if self.light.is_none() {
-            self.light = Some(LightOnCard::nothing(&self.session)?);
-        }
-        self.asks = true;
-        if let (None, Some(light)) = (&self.shade_asking, &self.light) {
-            let compiled = self.session.shader_seconds();
-            let world = &self.world;
-            let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*light.layout];
-            let constants = world.constants_of_shade(true);
-            self.shade_asking = Some(self.session.pipeline(&PATH_SHADE_BY_OCTREE, &constants, &layouts)?);
-            self.shader_seconds += self.session.shader_seconds() - compiled;
-            self.use_first()?;
-        }
         Ok(())
     }
 
-    /// The step that shades, and the groups that it reads.
-    pub(super) fn shading<'a>(&'a self, groups: &[&'a BindGroup; 3]) -> (&'a Pipeline, Vec<&'a BindGroup>) {
-        match (&self.shade_asking, &self.light) {
-            (Some(shade), Some(light)) if self.asks => (shade, [&groups[..], &[&light.group]].concat()),
-            _ => (&self.shade, groups.to_vec()),
-        }
-    }
-
-    /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
-    /// to do.
-    pub(super) fn trace(
-        &self,
-        header: &GpuPassHeader,
-        done: u32,
-        scatterings: u32,
-    ) -> Result<GpuCounters, GpuError> {
-        let mut batch = self.session.batch("paths")?;
-        let groups = [&self.world.trees_group, &self.world.group, &self.places.group];
-        let (shade, shade_groups) = self.shading(&groups);
-        if done == 0 {
-            self.session.write(&self.places.header, 0, bytemuck::bytes_of(header))?;
-            let all = [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1];
-            batch.dispatch(&self.begin, &groups, all)?;
-            batch.dispatch(&self.closest, &groups, all)?;
-            batch.dispatch(shade, &shade_groups, all)?;
-            self.turn(&mut batch, &groups)?;
-        }
-        for _ in u32::from(done == 0)..scatterings {
-            batch.dispatch_indirect(&self.closest, &groups, &self.sizes, 0)?;
-            batch.dispatch_indirect(shade, &shade_groups, &self.sizes, 0)?;
-            self.turn(&mut batch, &groups)?;
-        }
-        let counters = batch.read_back(&self.places.counters, 0..size_of::<GpuCounters>() as u64)?;
-        batch.submit()?;
-        Ok(bytemuck::pod_read_unaligned(&counters.collect()?))
-    }
-
-    /// A slice until its last path has ended.
-    pub(super) fn trace_all(&self, header: &GpuPassHeader) -> Result<Slice, GpuError> {
-        let start = Instant::now();
-        let mut scatterings = SCATTERINGS_FIRST;
-        let mut counters = self.trace(header, 0, scatterings)?;
-        let first_seconds = start.elapsed().as_secs_f64();
-        while counters.ray_count > 0 {
-            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
-            counters = self.trace(header, 1, scatterings)?;
-        }
-        let counts = Counts {
-            rays: u64::from(counters.rays),
-            shadow_rays: u64::from(counters.shadow_rays),
-            paths: u64::from(header.path_count),
+    /// What traces paths that ask for light, or nobody; after [`Ready::prepare`].
+    fn tracing(&self, from: PathStart, asks: bool) -> Result<Tracing<'_>, GpuError> {
+        let paths = match from {
+            PathStart::Pixels => &self.pixels,
+            PathStart::Rays => &self.rays,
         };
-        let bytes = 0..u64::from(header.path_count) * SAMPLE_BYTES;
-        Ok(Slice { samples: self.session.read(&self.places.samples, bytes)?, counts, first_seconds })
+        let unprepared = || GpuError::Failed { what: "paths were not prepared".into() };
+        let paths = paths.as_ref().ok_or_else(unprepared)?;
+        let light = self.light.as_ref().filter(|_| asks);
+        Ok(Tracing { session: &self.session, world: &self.world, paths, light })
     }
-
-    /// The shadow rays of a scattering, once it is known how many there are.
-    pub(super) fn turn(&self, batch: &mut Batch, groups: &[&BindGroup; 3]) -> Result<(), GpuError> {
-        let [trees, world, state] = *groups;
-        batch.dispatch(&self.turn, &[trees, world, state, &self.sizes_group], [1, 1, 1])?;
-        batch.dispatch_indirect(&self.occluded, groups, &self.sizes, SHADOW_SIZES_AT)
-    }
-}
-
-/// What a slice brought.
-pub(super) struct Slice {
-    /// [`GpuPixelSample`]s.
-    pub(super) samples: Vec<u8>,
-    pub(super) counts: Counts,
-    /// Of its first batch, the longest.
-    pub(super) first_seconds: f64,
 }
 
 /// A scene on a card, with places for paths: pictures of it share both, one slice at a time.
@@ -389,7 +225,7 @@ pub struct GpuScene {
     pub(super) world: Arc<World>,
     /// The adapter is the CPU itself.
     pub(super) is_software: bool,
-    pub(super) ready: Mutex<Option<Ready>>,
+    ready: Mutex<Option<Ready>>,
     /// Seconds of compiling shaders for devices that are gone.
     gone_shader_seconds: Mutex<f64>,
     /// Devices lost one after the other without a finished pass, by whichever picture.
@@ -442,39 +278,74 @@ impl GpuScene {
     ///
     /// Errors: what the card does not do.
     pub fn make_ready(&self, asks: bool) -> Result<(), GpuError> {
-        let mut held = locked(&self.ready);
-        let ready = match &mut *held {
-            Some(ready) => ready,
-            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, SLICE_MIN)?),
-        };
-        if asks { ready.be_able_to_ask() } else { Ok(()) }
+        self.prepare(PathStart::Pixels, asks)
+    }
+
+    /// The same for gathering light along rays.
+    ///
+    /// Errors: what the card does not do.
+    pub fn make_ready_to_gather(&self, asks: bool) -> Result<(), GpuError> {
+        self.prepare(PathStart::Rays, asks)
+    }
+
+    fn prepare(&self, from: PathStart, asks: bool) -> Result<(), GpuError> {
+        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, asks))
     }
 
     /// Most paths of a slice.
-    pub(super) fn slice_max(&self) -> u32 {
+    fn slice_max(&self) -> u32 {
         if self.is_software { SOFTWARE_SLICE_MAX } else { SLICE_MAX }
     }
 
-    /// Runs `work` with all that is needed, on a device that works.
-    pub(super) fn with_ready<T>(
+    /// Paths of the slice after one of so many, of which `traced` were there, by the seconds that its first batch took.
+    pub(super) fn slice_after(&self, slice: u32, traced: u32, first_seconds: f64) -> u32 {
+        let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
+        if first_seconds > seconds_max {
+            (slice / 2).max(SLICE_MIN)
+        } else if first_seconds < seconds_max / 3.0 && traced == slice {
+            (slice * 2).min(self.slice_max())
+        } else {
+            slice
+        }
+    }
+
+    /// Runs `work` with all that is needed for paths of one kind, on a device that works.
+    ///
+    /// - `path_count`: most paths of a slice, as far as there is room for them
+    pub(super) fn trace_with<T>(
         &self,
-        pixel_count: usize,
+        from: PathStart,
+        path_count: usize,
         known: Option<&Arc<dyn SecondaryLight>>,
-        work: impl FnOnce(&Ready) -> Result<T, GpuError>,
+        work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        let capacity = u32::try_from(pixel_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
-        let mut held = locked(&self.ready);
+        let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
+        self.with_ready(&mut locked(&self.ready), |ready| {
+            if let Some(known) = known {
+                ready.bring(known)?;
+            }
+            ready.prepare(from, capacity, known.is_some())?;
+            work(ready.tracing(from, known.is_some())?)
+        })
+    }
+
+    /// Runs `work` with what is on a device that works.
+    fn with_ready<T>(
+        &self,
+        held: &mut Option<Ready>,
+        work: impl FnOnce(&mut Ready) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
         if held.as_ref().is_some_and(|ready| ready.session.check().is_err()) {
-            self.let_go(&mut held);
+            self.let_go(held);
         }
         let ready = match &mut *held {
             Some(ready) => ready,
-            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world, capacity)?),
+            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world)?),
         };
-        let result = ready.make_room(capacity).and_then(|()| ready.ask(known)).and_then(|()| work(ready));
+        let result = work(ready);
         if result.is_err() {
             // What was half done is done anew.
-            self.let_go(&mut held);
+            self.let_go(held);
         }
         result
     }

@@ -6,12 +6,12 @@
 use std::ops::AddAssign;
 
 use super::{
-    Film, GpuCounters, GpuPassHeader, GpuPathTracer, View,
-    scene::{Ready, SHADOW_SIZES_AT, WORKGROUP},
+    Film, GpuPassHeader, GpuPathTracer, View,
+    tracing::{PathStart, Tracing, workgroups_of},
 };
 use crate::{
     film::PictureSize,
-    gpu::{Batch, BindGroup, GpuError},
+    gpu::{Batch, GpuError},
 };
 
 /// Seconds on the device, by step.
@@ -54,13 +54,14 @@ impl GpuPathTracer {
     pub fn step_seconds(&self, view: &View, size: PictureSize) -> Result<Option<StepSeconds>, GpuError> {
         let header = self.header_of(view, &Film::new(size), 0);
         let pixel_count = size.pixel_count() as u32;
-        self.scene.with_ready(size.pixel_count(), self.secondary.as_ref(), |ready| {
-            let capacity = ready.places.capacity;
+        let known = self.secondary.as_ref();
+        self.scene.trace_with(PathStart::Pixels, size.pixel_count(), known, |tracing| {
+            let capacity = tracing.capacity();
             let mut seconds = StepSeconds::default();
             for first_pixel in (0..pixel_count).step_by(capacity as usize) {
                 let path_count = capacity.min(pixel_count - first_pixel);
                 let slice = GpuPassHeader { first_pixel, path_count, capacity, ..header };
-                let Some(of_slice) = ready.time_slice(&slice)? else { return Ok(None) };
+                let Some(of_slice) = tracing.time_slice(&slice)? else { return Ok(None) };
                 seconds += of_slice;
             }
             Ok(Some(seconds))
@@ -68,46 +69,29 @@ impl GpuPathTracer {
     }
 }
 
-impl Ready {
-    /// A slice until its last path has ended, as [`Ready::trace`] does it.
-    fn time_slice(&self, header: &GpuPassHeader) -> Result<Option<StepSeconds>, GpuError> {
-        self.session.write(&self.places.header, 0, bytemuck::bytes_of(header))?;
-        let groups = [&self.world.trees_group, &self.world.group, &self.places.group];
-        let all = [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1];
-        let Some(begin) = self.time(|batch| batch.dispatch(&self.begin, &groups, all))? else {
-            return Ok(None);
-        };
+impl Tracing<'_> {
+    /// A slice until its last path has ended, as [`Tracing::trace_all`] does it.
+    fn time_slice(self, header: &GpuPassHeader) -> Result<Option<StepSeconds>, GpuError> {
+        self.write_header(header)?;
+        let all = workgroups_of(header);
+        let Some(begin) = self.time(|batch| self.begin(batch, all))? else { return Ok(None) };
         let mut seconds = StepSeconds { begin, ..StepSeconds::default() };
-        let mut is_first = true;
-        while is_first || self.rays_left()? > 0 {
-            let sizes = is_first.then_some(all);
-            let Some(of_scattering) = self.time_scattering(&groups, sizes)? else { return Ok(None) };
+        let mut first = Some(all);
+        while first.is_some() || self.rays_left()? > 0 {
+            let Some(of_scattering) = self.time_scattering(first.take())? else { return Ok(None) };
             seconds += of_scattering;
-            is_first = false;
         }
         Ok(Some(seconds))
     }
 
     /// One scattering of all paths that go on.
     ///
-    /// - `all`: workgroups of the first, whose size `turn` has not written
-    fn time_scattering(
-        &self,
-        groups: &[&BindGroup; 3],
-        all: Option<[u32; 3]>,
-    ) -> Result<Option<StepSeconds>, GpuError> {
-        let (shade, shade_groups) = self.shading(groups);
-        let run = |batch: &mut Batch, pipeline, groups: &[&BindGroup]| match all {
-            Some(all) => batch.dispatch(pipeline, groups, all),
-            None => batch.dispatch_indirect(pipeline, groups, &self.sizes, 0),
-        };
-        let [trees, world, state] = *groups;
-        let turn_groups = [trees, world, state, &self.sizes_group];
-        let closest = self.time(|batch| run(batch, &self.closest, groups))?;
-        let shade = self.time(|batch| run(batch, shade, &shade_groups))?;
-        let turn = self.time(|batch| batch.dispatch(&self.turn, &turn_groups, [1, 1, 1]))?;
-        let occluded =
-            self.time(|batch| batch.dispatch_indirect(&self.occluded, groups, &self.sizes, SHADOW_SIZES_AT))?;
+    /// - `first`: workgroups of the first, whose size `turn` has not written
+    fn time_scattering(self, first: Option<[u32; 3]>) -> Result<Option<StepSeconds>, GpuError> {
+        let closest = self.time(|batch| self.closest(batch, first))?;
+        let shade = self.time(|batch| self.shade(batch, first))?;
+        let turn = self.time(|batch| self.turn(batch))?;
+        let occluded = self.time(|batch| self.occluded(batch))?;
         let (Some(closest), Some(shade), Some(turn), Some(occluded)) = (closest, shade, turn, occluded)
         else {
             return Ok(None);
@@ -115,17 +99,10 @@ impl Ready {
         Ok(Some(StepSeconds { begin: 0.0, closest, shade, turn, occluded }))
     }
 
-    fn time(&self, record: impl FnOnce(&mut Batch) -> Result<(), GpuError>) -> Result<Option<f64>, GpuError> {
+    fn time(self, record: impl FnOnce(&mut Batch) -> Result<(), GpuError>) -> Result<Option<f64>, GpuError> {
         let mut batch = self.session.timed_batch("timed step")?;
         record(&mut batch)?;
         batch.submit()?.gpu_seconds()
-    }
-
-    fn rays_left(&self) -> Result<u32, GpuError> {
-        let mut batch = self.session.batch("rays left")?;
-        let read = batch.read_back(&self.places.counters, 0..size_of::<GpuCounters>() as u64)?;
-        batch.submit()?;
-        Ok(bytemuck::pod_read_unaligned::<GpuCounters>(&read.collect()?).ray_count)
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod behaviour;
 mod cameras;
+mod gathering;
 mod known_light;
 mod laws;
 mod layouts;
@@ -17,7 +18,7 @@ use std::{
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use super::{scene::*, *};
+use super::{scene::*, tracing::*, *};
 use crate::{
     film::PictureSize,
     gpu::{Gpu, tests::open},

@@ -9,9 +9,9 @@ use crate::{
 /// A light's largest channel may be off by 0.4 % in each channel [`octree/pack.rs`], so that a channel of their sum is off by
 /// 0.4 % of the sum of all three, as far as the surface's colour lets it: 1.2 % of the largest where they are alike. A
 /// direction that is off by 0.0037° moves a cosine by 6.5e-5, far below that.
-const PACKED_OFF_MAX: f32 = 0.012;
+pub(super) const PACKED_OFF_MAX: f32 = 0.012;
 
-fn with_known(scene: Scene, bounces_max: Option<u32>) -> Shot {
+pub(super) fn with_known(scene: Scene, bounces_max: Option<u32>) -> Shot {
     let world = Arc::new(World::prepare(Arc::new(scene.clone())));
     let mut settings = IlluminationSettings::of(&RenderSettings { bounces_max, ..RenderSettings::default() });
     settings.photons.emitted_count = 40_000;

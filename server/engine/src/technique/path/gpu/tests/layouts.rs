@@ -2,9 +2,12 @@
 
 use std::collections::HashMap;
 
-use lumicast_shaders::{PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PROOF_CONSTANTS};
+use lumicast_shaders::{GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PROOF_CONSTANTS};
 
-use super::*;
+use super::{
+    gather::{GpuGatherRay, GpuRaySample},
+    *,
+};
 use crate::{
     gpu::tests::{assert_same_layout, layout},
     scene::TextureSlot,
@@ -122,7 +125,18 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
     assert_same_layout!(
         &source,
         "OctreeHeader",
-        GpuOctreeHeader { low, cell_m, cells, depth, per_sheet_m2, first_sets_at }
+        GpuOctreeHeader {
+            low,
+            cell_m,
+            cells,
+            depth,
+            per_sheet_m2,
+            first_sets_at,
+            blur_max_m,
+            padding_0,
+            padding_1,
+            padding_2,
+        }
     );
     assert_same_layout!(
         &source,
@@ -135,9 +149,9 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             end_vdl,
             reach,
             caustic_reach,
+            blur_m,
             padding_0,
             padding_1,
-            padding_2,
         }
     );
 }
@@ -167,8 +181,8 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             capacity,
             traced,
             bounces_end,
+            brought,
             padding_0,
-            padding_1,
         }
     );
     assert_same_layout!(
@@ -200,6 +214,17 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             shadow_rays,
             padding_0,
         }
+    );
+    let begin_ray = GATHER_BEGIN.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &begin_ray,
+        "GatherRay",
+        GpuGatherRay { origin, left_instance, direction, left_triangle, key, index, padding_0 }
+    );
+    assert_same_layout!(
+        &begin_ray,
+        "RaySample",
+        GpuRaySample { radiance, distance_m, index, passing, padding_0, padding_1 }
     );
     for (name, byte_count) in [("Path", PATH_BYTES), ("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
         assert_eq!(u64::from(layout(&source, name).1), byte_count, "{name}");
@@ -259,7 +284,8 @@ fn every_constant_of_the_proof_is_prepended() {
     let Some(gpu) = shared() else { return };
     let world = World::prepare(Arc::new(crate::scene::samples::boxes().unwrap()));
     let on_card = GpuWorld::new(&gpu.session().unwrap(), &world).unwrap();
-    let mut names: Vec<_> = on_card.constants_of_shade(true).into_iter().map(|(name, _)| name).collect();
+    let mut names: Vec<_> =
+        on_card.constants_of_shade(PathStart::Rays, true).into_iter().map(|(name, _)| name).collect();
     let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
     names.sort_unstable();
     proved.sort_unstable();

@@ -31,6 +31,10 @@ fn painted_square(material: &Id, scale: f64) -> MeshSource {
 
 /// Squares in a grid, each of a material of its own, before a camera that sees them all.
 fn gallery(texture: &Texture, materials: Vec<Material>) -> Shot {
+    shot(hung(texture, materials).finish())
+}
+
+fn hung(texture: &Texture, materials: Vec<Material>) -> Stage {
     let mut stage = room();
     stage.builder().add_texture(id("picture"), texture.clone()).unwrap();
     let columns = materials.len().div_ceil(3);
@@ -43,7 +47,26 @@ fn gallery(texture: &Texture, materials: Vec<Material>) -> Shot {
         let place = DAffine3::from_translation(at) * DAffine3::from_rotation_y(0.3);
         stage.place(&name, painted_square(&material, 0.25), place).unwrap();
     }
-    shot(stage.finish())
+    stage
+}
+
+/// Squares with pictures, and some whose normals are bent by one.
+pub(super) fn bent_and_textured() -> Stage {
+    use TextureSlot::*;
+    let reference = TextureRef::new(id("picture"));
+    let matt = Material::lambert(Rgb::splat(0.8));
+    let bent = Material { normal_scale: 0.4, ..matt.clone() };
+    let plastic = Material { roughness: 0.4, ..Material::default() };
+    let lamp = Material { double_sided: true, emission: Rgb::new(4.0, 3.0, 2.0), ..Material::default() };
+    let materials = vec![
+        using(&[BaseColor], &reference, matt),
+        using(&[Normal], &reference, bent.clone()),
+        using(&[Normal, BaseColor], &reference, bent),
+        using(&[BaseColor, MetallicRoughness], &reference, Material { metallic: 0.8, ..Material::default() }),
+        using(&[Specular, SpecularColor, BaseColor], &reference, plastic),
+        using(&[Emission], &reference, lamp),
+    ];
+    hung(&noise(6, 5), materials)
 }
 
 fn using(slots: &[TextureSlot], reference: &TextureRef, material: Material) -> Material {

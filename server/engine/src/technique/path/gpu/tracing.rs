@@ -1,0 +1,377 @@
+//! Paths on a card: places for those of a slice, the steps they go through, and how a slice is traced.
+//!
+//! Paths begin at pixels, or with rays that light is gathered along. Both go through the same steps; what differs is how they
+//! begin, what they bring, and that the latter look past what is near.
+
+use std::{sync::Arc, time::Instant};
+
+use bytemuck::Zeroable;
+use lumicast_shaders::{
+    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, Step as Shader,
+};
+
+use super::{
+    GpuCounters, GpuPassHeader, GpuPixelSample,
+    gather::{GpuGatherRay, GpuRaySample},
+    scene::{GpuWorld, LightOnCard},
+};
+use crate::{
+    gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, Session},
+    technique::Counts,
+};
+
+/// Invocations of a workgroup.
+pub(super) const WORKGROUP: u32 = 64;
+/// Fewest and most paths of a slice, 288 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
+/// its own.
+pub(super) const SLICE_MIN: u32 = 4096;
+pub(super) const SLICE_MAX: u32 = 1 << 18;
+/// The same where the adapter is the CPU itself.
+pub(super) const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
+/// Scatterings of the first batch of a slice, and most of a later one, which has ever fewer paths.
+const SCATTERINGS_FIRST: u32 = 4;
+const SCATTERINGS_MAX: u32 = 64;
+
+/// Bytes of a path on the card, by buffer: state, hit, shadow ray, sample, places in three queues; and of a ray that it begins
+/// with.
+pub(super) const PATH_BYTES: u64 = 96;
+pub(super) const HIT_BYTES: u64 = 20;
+pub(super) const SHADOW_BYTES: u64 = 80;
+pub(super) const SAMPLE_BYTES: u64 = size_of::<GpuPixelSample>() as u64;
+pub(super) const RAY_SAMPLE_BYTES: u64 = size_of::<GpuRaySample>() as u64;
+const RAY_BYTES: u64 = size_of::<GpuGatherRay>() as u64;
+const QUEUES_BYTES: u64 = 12;
+pub(super) const DISPATCH_BYTES: u64 = 32;
+/// Where the sizes of shadow rays begin in the buffer of sizes.
+pub(super) const SHADOW_SIZES_AT: u64 = 12;
+
+/// Where paths begin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PathStart {
+    /// At the eye, one through each pixel.
+    Pixels,
+    /// With rays that light is gathered along.
+    Rays,
+}
+
+impl PathStart {
+    fn begin(self) -> &'static Shader {
+        match self {
+            PathStart::Pixels => &PATH_BEGIN,
+            PathStart::Rays => &GATHER_BEGIN,
+        }
+    }
+
+    fn shade(self, asks: bool) -> &'static Shader {
+        match (self, asks) {
+            (PathStart::Pixels, false) => &PATH_SHADE,
+            (PathStart::Pixels, true) => &PATH_SHADE_BY_OCTREE,
+            (PathStart::Rays, false) => &GATHER_SHADE,
+            (PathStart::Rays, true) => &GATHER_SHADE_BY_OCTREE,
+        }
+    }
+
+    fn occluded(self) -> &'static Shader {
+        match self {
+            PathStart::Pixels => &PATH_OCCLUDED,
+            PathStart::Rays => &GATHER_OCCLUDED,
+        }
+    }
+
+    fn sample_bytes(self) -> u64 {
+        match self {
+            PathStart::Pixels => SAMPLE_BYTES,
+            PathStart::Rays => RAY_SAMPLE_BYTES,
+        }
+    }
+}
+
+/// Places for the paths of a slice.
+#[derive(Debug)]
+struct Places {
+    header: Buffer,
+    samples: Buffer,
+    counters: Buffer,
+    /// What they begin with, and its group.
+    rays: Option<(Buffer, BindGroup)>,
+    /// Kept for as long as the group that binds them.
+    _others: Vec<Buffer>,
+    group: BindGroup,
+    layout: Arc<Layout>,
+    capacity: u32,
+}
+
+impl Places {
+    fn new(session: &Session, from: PathStart, capacity: u32) -> Result<Places, GpuError> {
+        let count = u64::from(capacity);
+        let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
+        let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
+        let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
+        let shadows = session.buffer_zeroed("shadow rays", count * SHADOW_BYTES)?;
+        let samples = session.buffer_zeroed("samples", count * from.sample_bytes())?;
+        let queues = session.buffer_zeroed("queues", count * QUEUES_BYTES)?;
+        let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
+        let layout = session.layout(&[
+            Binding::Uniform,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+            Binding::Write,
+        ])?;
+        let group =
+            session.bind(&layout, &[&header, &paths, &hits, &shadows, &samples, &queues, &counters])?;
+        let rays = match from {
+            PathStart::Pixels => None,
+            PathStart::Rays => {
+                let rays = session.buffer_zeroed("rays", count * RAY_BYTES)?;
+                let group = session.bind(&*rays_layout(session)?, &[&rays])?;
+                Some((rays, group))
+            }
+        };
+        let others = vec![paths, hits, shadows, queues];
+        Ok(Places { header, samples, counters, rays, _others: others, group, layout, capacity })
+    }
+}
+
+fn rays_layout(session: &Session) -> Result<Arc<Layout>, GpuError> {
+    session.layout(&[Binding::Read])
+}
+
+/// Places for paths, and the steps they go through.
+#[derive(Debug)]
+pub(super) struct Paths {
+    from: PathStart,
+    places: Places,
+    sizes: Buffer,
+    sizes_group: BindGroup,
+    begin: Arc<Pipeline>,
+    closest: Arc<Pipeline>,
+    shade: Arc<Pipeline>,
+    turn: Arc<Pipeline>,
+    occluded: Arc<Pipeline>,
+    /// The same step, where it asks for light; compiled when it first does.
+    shade_asking: Option<Arc<Pipeline>>,
+}
+
+impl Paths {
+    pub(super) fn new(
+        session: &Arc<Session>,
+        world: &GpuWorld,
+        from: PathStart,
+        capacity: u32,
+    ) -> Result<Paths, GpuError> {
+        let places = Places::new(session, from, capacity)?;
+        let sizes = session.buffer_zeroed("sizes", DISPATCH_BYTES)?;
+        let sizes_layout = session.layout(&[Binding::Write])?;
+        let sizes_group = session.bind(&sizes_layout, &[&sizes])?;
+        let layouts = [&*world.trees_layout, &*world.layout, &*places.layout];
+        let pipeline = |step: &'static Shader| session.pipeline(step, &world.constants, &layouts);
+        let turn_layouts = [&*world.trees_layout, &*world.layout, &*places.layout, &*sizes_layout];
+        let begin = match from {
+            PathStart::Pixels => pipeline(from.begin())?,
+            PathStart::Rays => {
+                let rays = rays_layout(session)?;
+                let layouts = [&layouts[..], &[&*rays]].concat();
+                session.pipeline(from.begin(), &world.constants, &layouts)?
+            }
+        };
+        Ok(Paths {
+            begin,
+            closest: pipeline(&PATH_CLOSEST)?,
+            shade: session.pipeline(from.shade(false), &world.constants_of_shade(from, false), &layouts)?,
+            occluded: pipeline(from.occluded())?,
+            turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
+            from,
+            places,
+            sizes,
+            sizes_group,
+            shade_asking: None,
+        })
+    }
+
+    /// Room for slices of so many paths, if there is less.
+    pub(super) fn make_room(&mut self, session: &Session, capacity: u32) -> Result<(), GpuError> {
+        if self.places.capacity < capacity {
+            self.places = Places::new(session, self.from, capacity)?;
+        }
+        Ok(())
+    }
+
+    /// Paths can ask for light from now on. True if that was compiled for it.
+    pub(super) fn be_able_to_ask(
+        &mut self,
+        session: &Session,
+        world: &GpuWorld,
+        light: &LightOnCard,
+    ) -> Result<bool, GpuError> {
+        if self.shade_asking.is_some() {
+            return Ok(false);
+        }
+        let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*light.layout];
+        let constants = world.constants_of_shade(self.from, true);
+        self.shade_asking = Some(session.pipeline(self.from.shade(true), &constants, &layouts)?);
+        Ok(true)
+    }
+}
+
+/// Everything that traces paths now.
+#[derive(Clone, Copy)]
+pub(super) struct Tracing<'a> {
+    pub(super) session: &'a Arc<Session>,
+    pub(super) world: &'a GpuWorld,
+    pub(super) paths: &'a Paths,
+    /// What they ask for light; `None`: nobody.
+    pub(super) light: Option<&'a LightOnCard>,
+}
+
+impl<'a> Tracing<'a> {
+    /// Paths of a slice at most.
+    pub(super) fn capacity(self) -> u32 {
+        self.paths.places.capacity
+    }
+
+    /// What steps read of the trees, the scene and the paths.
+    pub(super) fn groups(self) -> [&'a BindGroup; 3] {
+        [&self.world.trees_group, &self.world.group, &self.paths.places.group]
+    }
+
+    /// The step that shades, and the groups that it reads.
+    fn shading(self) -> (&'a Pipeline, Vec<&'a BindGroup>) {
+        match (&self.paths.shade_asking, self.light) {
+            (Some(shade), Some(light)) => (shade, [&self.groups()[..], &[&light.group]].concat()),
+            _ => (&self.paths.shade, self.groups().to_vec()),
+        }
+    }
+
+    /// Some drivers compile at first use: that is waiting for shaders, not drawing. Returns the seconds.
+    pub(super) fn use_first(self) -> Result<f64, GpuError> {
+        let start = Instant::now();
+        self.trace(&GpuPassHeader::zeroed(), 0, 1)?;
+        Ok(start.elapsed().as_secs_f64())
+    }
+
+    /// Hands over what the next slice begins with.
+    pub(super) fn write_rays(self, rays: &[GpuGatherRay]) -> Result<(), GpuError> {
+        match &self.paths.places.rays {
+            Some((buffer, _)) => self.session.write(buffer, 0, bytemuck::cast_slice(rays)),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn write_header(self, header: &GpuPassHeader) -> Result<(), GpuError> {
+        self.session.write(&self.paths.places.header, 0, bytemuck::bytes_of(header))
+    }
+
+    /// The first step of a slice.
+    pub(super) fn begin(self, batch: &mut Batch, workgroups: [u32; 3]) -> Result<(), GpuError> {
+        let mut groups = self.groups().to_vec();
+        groups.extend(self.paths.places.rays.as_ref().map(|(_, group)| group));
+        batch.dispatch(&self.paths.begin, &groups, workgroups)
+    }
+
+    /// What rays meet.
+    ///
+    /// - `first`: workgroups of the first scattering, whose size `turn` has not written
+    pub(super) fn closest(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {
+        self.run(batch, &self.paths.closest, &self.groups(), first)
+    }
+
+    /// What paths find there; as [`Tracing::closest`].
+    pub(super) fn shade(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {
+        let (shade, groups) = self.shading();
+        self.run(batch, shade, &groups, first)
+    }
+
+    fn run(
+        self,
+        batch: &mut Batch,
+        pipeline: &Pipeline,
+        groups: &[&BindGroup],
+        first: Option<[u32; 3]>,
+    ) -> Result<(), GpuError> {
+        match first {
+            Some(workgroups) => batch.dispatch(pipeline, groups, workgroups),
+            None => batch.dispatch_indirect(pipeline, groups, &self.paths.sizes, 0),
+        }
+    }
+
+    /// Sizes of the steps to come.
+    pub(super) fn turn(self, batch: &mut Batch) -> Result<(), GpuError> {
+        let [trees, world, state] = self.groups();
+        batch.dispatch(&self.paths.turn, &[trees, world, state, &self.paths.sizes_group], [1, 1, 1])
+    }
+
+    /// The shadow rays of a scattering, once it is known how many there are.
+    pub(super) fn occluded(self, batch: &mut Batch) -> Result<(), GpuError> {
+        batch.dispatch_indirect(&self.paths.occluded, &self.groups(), &self.paths.sizes, SHADOW_SIZES_AT)
+    }
+
+    fn scatter(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {
+        self.closest(batch, first)?;
+        self.shade(batch, first)?;
+        self.turn(batch)?;
+        self.occluded(batch)
+    }
+
+    /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
+    /// to do.
+    fn trace(self, header: &GpuPassHeader, done: u32, scatterings: u32) -> Result<GpuCounters, GpuError> {
+        let mut batch = self.session.batch("paths")?;
+        if done == 0 {
+            self.write_header(header)?;
+            let all = workgroups_of(header);
+            self.begin(&mut batch, all)?;
+            self.scatter(&mut batch, Some(all))?;
+        }
+        for _ in u32::from(done == 0)..scatterings {
+            self.scatter(&mut batch, None)?;
+        }
+        let counters = batch.read_back(&self.paths.places.counters, 0..size_of::<GpuCounters>() as u64)?;
+        batch.submit()?;
+        Ok(bytemuck::pod_read_unaligned(&counters.collect()?))
+    }
+
+    /// Rays of paths that go on.
+    pub(super) fn rays_left(self) -> Result<u32, GpuError> {
+        let bytes = 0..size_of::<GpuCounters>() as u64;
+        let counters = self.session.read(&self.paths.places.counters, bytes)?;
+        Ok(bytemuck::pod_read_unaligned::<GpuCounters>(&counters).ray_count)
+    }
+
+    /// A slice until its last path has ended.
+    pub(super) fn trace_all(self, header: &GpuPassHeader) -> Result<Slice, GpuError> {
+        let start = Instant::now();
+        let mut scatterings = SCATTERINGS_FIRST;
+        let mut counters = self.trace(header, 0, scatterings)?;
+        let first_seconds = start.elapsed().as_secs_f64();
+        while counters.ray_count > 0 {
+            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
+            counters = self.trace(header, 1, scatterings)?;
+        }
+        let counts = Counts {
+            rays: u64::from(counters.rays),
+            shadow_rays: u64::from(counters.shadow_rays),
+            paths: u64::from(header.path_count),
+        };
+        let bytes = 0..u64::from(header.path_count) * self.paths.from.sample_bytes();
+        let samples = self.session.read(&self.paths.places.samples, bytes)?;
+        Ok(Slice { samples, counts, first_seconds })
+    }
+}
+
+/// Workgroups for all paths of a slice; one at least, which says so where there are none.
+pub(super) fn workgroups_of(header: &GpuPassHeader) -> [u32; 3] {
+    [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1]
+}
+
+/// What a slice brought.
+pub(super) struct Slice {
+    /// [`GpuPixelSample`]s or [`GpuRaySample`]s.
+    pub(super) samples: Vec<u8>,
+    pub(super) counts: Counts,
+    /// Of its first batch, the longest.
+    pub(super) first_seconds: f64,
+}

@@ -1,0 +1,54 @@
+// Paths of pixels: what they bring, and by which numbers they go.
+
+/// What a pixel's path has brought; `film/pixel.rs`, `PixelSample`.
+struct PixelSample {
+    emitted: vec3f,
+    depth_m: f32,
+    direct: vec3f,
+    albedo_red: f32,
+    caustic: vec3f,
+    albedo_green: f32,
+    indirect: vec3f,
+    albedo_blue: f32,
+    normal: vec3f,
+    padding_0: u32,
+}
+
+@group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
+
+fn sampler_of(slot: u32, path: Path) -> PixelSampler {
+    return PixelSampler(path.key, pass_header.index);
+}
+
+/// Takes note of the surface that is seen first, `distance_m` away.
+fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f32) {
+    samples[slot].albedo_red = albedo.x;
+    samples[slot].albedo_green = albedo.y;
+    samples[slot].albedo_blue = albedo.z;
+    samples[slot].normal = n;
+    samples[slot].depth_m = max(dot(pass_header.origin - position, pass_header.back), 0.0);
+}
+
+/// Pixels look past nothing: `LOOKS_PAST` is false.
+fn passing_of(slot: u32) -> u32 {
+    return 0u;
+}
+
+fn keep_passing(slot: u32, passing: u32) {}
+
+fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
+    switch class_of_light {
+        case EMITTED: {
+            samples[slot].emitted += radiance;
+        }
+        case DIRECT: {
+            samples[slot].direct += radiance;
+        }
+        case CAUSTIC: {
+            samples[slot].caustic += radiance;
+        }
+        default: {
+            samples[slot].indirect += radiance;
+        }
+    }
+}
