@@ -36,7 +36,7 @@ const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
 const PIXELS_ENOUGH: usize = 512;
 /// Pixels that must agree that a picture is as good as asked for, or half of all there are, taken after it first seemed so: a
 /// picture is looked at again and again, and the first look that says so is more often than not a lucky one.
-const FRESH_PIXELS: usize = 256;
+const FRESH_PIXELS: usize = 128;
 /// Share of noise in where error is expected. With two thirds of it the relative variance of the mean was about the least on each of
 /// three scenes (bunny-room, dragon-room, cornell-box), a fifth of that of pixels drawn evenly.
 const NOISE_SHARE: f32 = 2.0 / 3.0;

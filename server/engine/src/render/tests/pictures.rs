@@ -178,6 +178,35 @@ fn doubt_of_an_error_is_settled_by_measuring() {
     assert_eq!(draw(Some(TARGET), 3), aimed);
 }
 
+/// A picture that is found as good as asked for is so once other pixels, taken since then, say the same; what was said of one error
+/// says nothing of another.
+#[test]
+fn a_lucky_look_ends_no_picture() {
+    let world = Arc::new(world_of(samples::boxes().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(48, 32).unwrap();
+    const TARGET: f64 = 0.05;
+    let (indirect, learning) = (Indirect::Irradiance, Learning::InStep);
+    let settings = RenderSettings { indirect, learning, seed: 2, ..RenderSettings::default() };
+    let mut rendering = Rendering::new(world.clone(), view, size, settings);
+    rendering.aim_at(Some(TARGET));
+    let step_until = |rendering: &mut Rendering, is_over: &dyn Fn(&Rendering) -> bool| {
+        while !is_over(rendering) {
+            rendering.step(&AtomicBool::new(false));
+            assert!(rendering.passes() < 5_000);
+        }
+    };
+    let reaches =
+        |rendering: &Rendering| rendering.measured_error().is_some_and(|measured| measured.reaches(TARGET));
+    step_until(&mut rendering, &reaches);
+    assert!(!rendering.confirms(TARGET), "no pixel was taken since");
+    let rays = rendering.counts().all_rays();
+    step_until(&mut rendering, &|rendering| rendering.confirms(TARGET));
+    assert!(reaches(&rendering) && rendering.counts().all_rays() > rays);
+    rendering.aim_at(Some(0.5 * TARGET));
+    assert!(!rendering.confirms(0.5 * TARGET) && rendering.confirms(TARGET));
+}
+
 /// With one bounce nothing is learnt, and the best there is is the path tracer.
 #[test]
 fn one_bounce_needs_no_chain() {
