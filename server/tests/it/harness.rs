@@ -7,8 +7,9 @@ use hyper::{Request, StatusCode};
 use hyper_util::rt::TokioIo;
 use lumicast::config::Config;
 use lumicast::http::{Service, serve};
-use lumicast::scenes::{Origin, Scenes, Workshop};
+use lumicast::scenes::{CreateError, Origin, Scenes, Workshop};
 use lumicast::shutdown::{Stopper, stop_signal};
+use lumicast::store::StoreError;
 use lumicast_protocol::{FrameHeader, SceneId, ServerMessage};
 use serde_json::{Value, json};
 use std::net::SocketAddr;
@@ -32,6 +33,20 @@ pub(crate) struct Server {
     pub(crate) task: tokio::task::JoinHandle<()>,
 }
 
+/// Opens what scenes share. A program that another test starts at this moment holds the lock of a folder that was just left, from
+/// its fork until its exec: that is waited for.
+async fn open(config: Config) -> Workshop {
+    for _ in 0..100 {
+        match Workshop::open(config.clone()) {
+            Err(CreateError::Store(StoreError::InUse { .. })) => {
+                tokio::time::sleep(Duration::from_millis(20)).await
+            }
+            opened => return opened.unwrap(),
+        }
+    }
+    panic!("the folder stays in use");
+}
+
 impl Server {
     /// A server with the built-in scene.
     pub(crate) async fn start(change: impl FnOnce(&mut Config)) -> Server {
@@ -52,7 +67,7 @@ impl Server {
     pub(crate) async fn without_scenes(change: impl FnOnce(&mut Config)) -> Server {
         let mut config = Config { threads: 2, ..Config::default() };
         change(&mut config);
-        let workshop = Arc::new(Workshop::open(config).unwrap());
+        let workshop = Arc::new(open(config).await);
         let scenes = Arc::new(Scenes::new(workshop));
         let (stopper, stopping) = stop_signal();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();

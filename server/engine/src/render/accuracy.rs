@@ -80,9 +80,9 @@ impl Rendering {
     }
 
     /// Whether the picture surely has the error that it was last found to have reached: where that is measured at few pixels, others,
-    /// taken since then, say so too. Of errors that it is not to have ([`Rendering::aim_at`]), nothing more is known.
+    /// taken since then, say so too. That is found out of the error that it is to have ([`Rendering::aim_at`]), and of no other.
     pub fn confirms(&self, target: f64) -> bool {
-        self.measuring.is_none() || self.target != Some(target) || self.is_confirmed
+        self.measuring.is_none() || self.is_confirmed && self.target == Some(target)
     }
 
     /// Neither learning nor samples will make the error that is left noticeably smaller: it is the technique's own.
@@ -141,9 +141,11 @@ impl Rendering {
         let (Some(target), Some(measuring)) = (reached, &mut self.measuring) else { return };
         measuring.take_fresh_pixels();
         let picture = self.picture();
+        // Where the picture and all that was found are black, there is nothing that other pixels could say.
+        let is_right = measured == Some(&MeasuredError::NONE);
         let by_film = picture.measured_error().is_some_and(|measured| measured.reaches(target));
         let agree = |measuring: &Measuring| measuring.fresh_pixels_agree(&picture, target);
-        self.is_confirmed = by_film || self.measuring.as_ref().is_some_and(agree);
+        self.is_confirmed = is_right || by_film || self.measuring.as_ref().is_some_and(agree);
     }
 
     /// Measures on where that was cut short before it had as much work as drawing; `None` when it has had that.

@@ -142,20 +142,21 @@ impl Measuring {
     }
 
     fn lacks_fresh_pixels(&self, size: PictureSize) -> bool {
-        let wanted = FRESH_PIXELS.min(size.pixel_count() / 2).max(1);
-        let first = self.fresh_from.filter(|_| !self.gauge.is_full());
-        first.is_some_and(|first| self.gauge.pixels_since(first).len() < wanted)
+        // A mean of fewer than two has no spread.
+        let wanted = FRESH_PIXELS.min(size.pixel_count() / 2).max(2);
+        self.fresh_from.is_some_and(|first| self.gauge.pixels_since(first).len() < wanted)
     }
 
-    /// Fresh pixels find the picture as good as asked for. So does a gauge that takes no more of them, and has none.
+    /// Fresh pixels find the picture as good as asked for. A gauge that takes no more of them has so many that no look at all of
+    /// them is a lucky one.
     pub(super) fn fresh_pixels_agree(&self, picture: &Picture<'_>, target: f64) -> bool {
         let Some(first) = self.fresh_from else { return false };
-        if self.lacks_fresh_pixels(picture.size()) {
-            return false;
+        if self.gauge.is_full() {
+            return true;
         }
         let fresh = self.gauge.pixels_since(first);
-        fresh.is_empty()
-            || measure_at(&picture.radiance(), picture.size(), &fresh)
+        !self.lacks_fresh_pixels(picture.size())
+            && measure_at(&picture.radiance(), picture.size(), &fresh)
                 .is_some_and(|found| found.error() <= target)
     }
 

@@ -172,7 +172,7 @@ impl Rendering {
         };
         self.film.outdate(classes, outdated);
         // Found of the light before.
-        self.outlook = None;
+        (self.outlook, self.is_confirmed) = (None, false);
     }
 
     /// All that is to be known of the light is known: the film is what further passes add to.

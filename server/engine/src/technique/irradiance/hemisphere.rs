@@ -33,8 +33,10 @@ pub(super) struct Hemisphere {
     sectors: usize,
     /// Mean radiance of each cell, ring by ring.
     radiance: Vec<Rgb>,
-    /// Mean of 1 / distance in each cell, 1/m.
+    /// Mean of 1 / distance in each cell, 1/m; of rays that set out behind the triangle nothing.
     nearness: Vec<f32>,
+    /// Share of the rays that set out before the triangle.
+    before_share: f32,
 }
 
 /// Samples of one half, cell by cell.
@@ -78,6 +80,8 @@ struct Gathering<'a> {
     /// Nothing counts as nearer than this, m.
     nearest_m: f32,
     sent: u32,
+    /// Of those, the ones that set out before the triangle.
+    before_count: u32,
     halves: [Half; 2],
     /// Cells that the next rays of each half go through, which may be named more than once.
     due: [Vec<usize>; 2],
@@ -101,6 +105,7 @@ impl<'a> Gathering<'a> {
             key,
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,
+            before_count: 0,
             halves: [Half::of(cells.len()), Half::of(cells.len())],
             due: [cells.clone(), cells],
         }
@@ -137,6 +142,7 @@ impl<'a> Gathering<'a> {
                 let is_before = ray.direction.dot(self.n_geo) > 0.0;
                 let distance_m = arrived.distance_m.filter(|_| is_before);
                 let nearness = distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
+                self.before_count += u32::from(is_before);
                 half.add(cell, if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness);
             }
         }
@@ -166,6 +172,7 @@ impl<'a> Gathering<'a> {
             sectors: self.sectors,
             radiance,
             nearness: nearness.collect(),
+            before_share: self.before_count as f32 / self.sent as f32,
         }
     }
 
@@ -271,10 +278,11 @@ impl Hemisphere {
         sum * (std::f32::consts::PI / self.radiance.len() as f32)
     }
 
-    /// Harmonic mean of all distances, m; of `farthest_m` at most.
+    /// Harmonic mean of the distances before the triangle, m; of `farthest_m` at most, and none where all rays set out behind it.
     pub(super) fn harmonic_mean_m(&self, farthest_m: f32) -> f32 {
         let inverse: f32 = self.nearness.iter().sum();
-        (self.radiance.len() as f32 / inverse).min(farthest_m)
+        let count = self.before_share * self.radiance.len() as f32;
+        if count > 0.0 { (count / inverse).min(farthest_m) } else { 0.0 }
     }
 
     /// The rotational gradient [Ward1992, eq. 1], with the mean tangent of each ring, so that even light has none.

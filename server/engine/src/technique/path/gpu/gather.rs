@@ -183,9 +183,13 @@ impl GpuGatherer {
             match traced {
                 Ok(slice) => {
                     self.scene.losses.store(0, Ordering::Relaxed);
-                    let mut state = locked(&self.state);
-                    state.slice = self.scene.slice_after(state.slice, header.path_count, slice.first_seconds);
-                    state.ray_count += u64::from(header.path_count);
+                    {
+                        let mut state = locked(&self.state);
+                        state.slice =
+                            self.scene.slice_after(state.slice, header.path_count, slice.first_seconds);
+                        state.ray_count += u64::from(header.path_count);
+                    }
+                    // Not with the lock held: a thread that waits here for others may begin to gather for other points.
                     let samples = slice.samples.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
                     let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);
                     return Ok((samples.map(|sample| sample.arrived()).collect(), slice.counts));
