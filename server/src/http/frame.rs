@@ -32,7 +32,7 @@ pub(super) struct FrameQuery {
         ("camera" = Option<String>, Query, description = "A camera of the scene; default: the first"),
         ("size" = Option<String>, Query, description = "WxH in pixels, such as 640x360"),
         ("format" = Option<String>, Query, description = "png (default), jpeg, or exr: linear radiance"),
-        ("error" = Option<String>, Query, description = "√relMSE at which it is done, as a fraction or in percent, such as 0.02 or 2%: measured, and the upper end of its 95 % interval not a tenth above; converged: only `time` and the server's limits end it"),
+        ("error" = Option<String>, Query, description = "√relMSE at which it is done, as a fraction or in percent, such as 0.02 or 2%: measured, the upper end of its 95 % interval not a tenth above, and found so again at pixels taken afresh; converged: only `time` and the server's limits end it"),
         ("time" = Option<String>, Query, description = "Seconds after which it is done: 2, 2s or 500ms"),
         ("tone_map" = Option<String>, Query, description = "linear, reinhard, aces (default) or agx; not for exr"),
         ("exposure_ev" = Option<f32>, Query, description = "Stops, −32 to 32; not for exr")),

@@ -45,8 +45,8 @@ pub struct RenderArgs {
     /// one sample in any case
     #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
     pub time: Option<Duration>,
-    /// Stop at this error (√relMSE, measured, and the upper end of its 95 % interval not a tenth above), as a share or in
-    /// percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
+    /// Stop at this error (√relMSE, measured, the upper end of its 95 % interval not a tenth above, and found so again at
+    /// pixels taken afresh), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
     #[arg(long, value_name = "SHARE", value_parser = parse_error)]
     pub error: Option<f64>,
     /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is

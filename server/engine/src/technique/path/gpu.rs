@@ -4,9 +4,10 @@
 //! backends add to one film. What differs is rounding (a card may fuse and reorder), which moves a few paths in ten thousand
 //! to another side of a decision.
 //!
-//! The same paths begin with rays that light is gathered along (`gather.rs`). Steps (`shaders/path`), for a slice: `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths
-//! keep their place, one a pixel; queues hold the places of those that go on, so that later scatterings cost by what is
-//! left of them. How many are left is read now and then only: steps take their size from a buffer that `turn` writes.
+//! The same paths begin with rays that light is gathered along (`gather.rs`). Steps (`shaders/path`), for a slice:
+//! `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths keep their place, one a pixel;
+//! queues hold the places of those that go on, so that later scatterings cost by what is left of them. How many are
+//! left is read now and then only: steps take their size from a buffer that `turn` writes.
 //!
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
