@@ -13,9 +13,10 @@ struct OctreeHeader {
     first_sets_at: u32,
     /// How far light is blurred where nothing is known, m.
     blur_max_m: f32,
+    /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
+    lost_blurs: f32,
+    lost_max_m: f32,
     padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -30,8 +31,9 @@ struct LightSet {
     caustic_reach: f32,
     /// How far indirect light is blurred, m.
     blur_m: f32,
+    /// How far directions drawn of a light of indirect light lie from its own: root mean square of unit vectors.
+    spread: f32,
     padding_0: u32,
-    padding_1: u32,
 }
 
 @group(3) @binding(0) var<uniform> octree: OctreeHeader;
@@ -48,6 +50,10 @@ struct ScatteredLight {
     indirect: vec3f,
     caustic: vec3f,
     blur_m: f32,
+    /// A direction that some of the indirect light comes from.
+    lit_from: vec3f,
+    /// What lies nearer is lost in the blur, m; 0: nobody asked, or there is no light.
+    lost_m: f32,
 }
 
 fn octahedral_fold(square: vec2f) -> vec2f {
@@ -137,8 +143,42 @@ fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: 
     return sum;
 }
 
-fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
-    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m);
+/// `octree/drawing.rs`, `DrawnLight`.
+struct DrawnLight {
+    choice: f32,
+    sum: f32,
+    spread: f32,
+    direction: vec3f,
+}
+
+fn offer(drawn: ptr<function, DrawnLight>, weight: f32, direction: vec3f, spread: f32) {
+    if !(weight > 0.0) {
+        return;
+    }
+    (*drawn).sum += weight;
+    let share = weight / (*drawn).sum;
+    if (*drawn).choice < share {
+        (*drawn).choice /= share;
+        (*drawn).direction = direction;
+        (*drawn).spread = spread;
+    } else {
+        (*drawn).choice = ((*drawn).choice - share) / (1.0 - share);
+    }
+}
+
+fn around_light(drawn: DrawnLight, turn: vec2f, n_facing: vec3f) -> vec3f {
+    let radius = drawn.spread * sqrt(-log(1.0 - turn.x));
+    let angle = TAU * turn.y;
+    let frame = frame_around(drawn.direction);
+    let direction = normalize(frame_to_world(frame, vec3f(radius * cos(angle), radius * sin(angle), 1.0)));
+    return direction - 2.0 * min(dot(direction, n_facing), 0.0) * n_facing;
+}
+
+/// - `is_drawn`: a direction that light comes from is asked for
+/// - `draw`: random numbers that it is drawn by
+fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
+    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), 0.0);
+    var drawn = DrawnLight(draw.x, 0.0, 0.0, vec3f(0.0));
     if octree.depth == 0u {
         return light;
     }
@@ -177,6 +217,12 @@ fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
         let end = light_sets[like.index].end_vdl;
         let reach = light_sets[like.index].reach;
         light.indirect += response(surface, wo_local, n_shade, first, first_caustic, reach) * weight;
+        for (var index = first; is_drawn && index < first_caustic; index++) {
+            let direction = octahedral_decode(vdls[index].x);
+            let scaled = max_component(vdl_irradiance(vdls[index].y));
+            let cosine = softened(dot(n_shade, direction), reach);
+            offer(&drawn, scaled * cosine * weight, direction, light_sets[like.index].spread);
+        }
         if first_caustic < end {
             let caustic_reach = light_sets[like.index].caustic_reach;
             light.caustic += response(surface, wo_local, n_shade, first_caustic, end, caustic_reach) * weight;
@@ -186,6 +232,10 @@ fn scattered_light(surface: Surface, wo: vec3f) -> ScatteredLight {
         light.indirect /= total;
         light.caustic /= total;
         light.blur_m = blurs_m / total;
+    }
+    if drawn.sum > 0.0 {
+        light.lit_from = around_light(drawn, draw.yz, n_facing);
+        light.lost_m = min(octree.lost_blurs * light.blur_m, octree.lost_max_m);
     }
     return light;
 }

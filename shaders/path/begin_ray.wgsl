@@ -36,6 +36,8 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
     path.left_instance = ray.left_instance;
     path.left_triangle = ray.left_triangle;
     path.key = ray.key;
+    path.lost_m = 0.0;
+    path.passing = 0u;
     paths[slot] = path;
     samples[slot] = RaySample(vec3f(0.0), -1.0, ray.index, 0u, 0u, 0u);
     queues[slot] = slot;

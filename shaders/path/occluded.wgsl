@@ -5,8 +5,8 @@ fn occluded(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= counters.shadow_count {
         return;
     }
-    let slot = queues[2u * pass_header.capacity + id.x];
-    let shadow = shadows[slot];
+    let place = queues[2u * pass_header.capacity + id.x];
+    let shadow = shadows[place];
     var ray: Ray;
     ray.origin = shadow.origin;
     ray.t_max = shadow.t_max;
@@ -16,6 +16,8 @@ fn occluded(@builtin(global_invocation_id) id: vec3u) {
     if is_occluded(ray, shadow.light_instance, shadow.light_triangle) {
         return;
     }
+    // Both of a path may be looked at in one go: they bring light of different classes, to different words.
+    let slot = place % pass_header.capacity;
     add_radiance(slot, shadow.classes & 0xffu, shadow.diffuse);
     add_radiance(slot, shadow.classes >> 8u, shadow.glossy);
 }

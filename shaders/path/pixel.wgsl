@@ -29,13 +29,6 @@ fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f
     samples[slot].depth_m = max(dot(pass_header.origin - position, pass_header.back), 0.0);
 }
 
-/// Pixels look past nothing: `LOOKS_PAST` is false.
-fn passing_of(slot: u32) -> u32 {
-    return 0u;
-}
-
-fn keep_passing(slot: u32, passing: u32) {}
-
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
     switch class_of_light {
         case EMITTED: {

@@ -1,16 +1,15 @@
 // Paths that begin with rays along which light is gathered: what they bring, and by which numbers they go.
 
-/// What a ray has brought so far, and what its path knows beyond other paths.
+/// What a ray has brought so far.
 struct RaySample {
     radiance: vec3f,
     /// To the surface that it meets first; below 0: there is none.
     distance_m: f32,
     /// Of its sampler.
     index: u32,
-    /// What it passed, see `shade.wgsl`.
-    passing: u32,
     padding_0: u32,
     padding_1: u32,
+    padding_2: u32,
 }
 
 @group(2) @binding(4) var<storage, read_write> samples: array<RaySample>;
@@ -22,14 +21,6 @@ fn sampler_of(slot: u32, path: Path) -> PixelSampler {
 /// Takes note of the surface that is met first, `distance_m` away.
 fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f32) {
     samples[slot].distance_m = distance_m;
-}
-
-fn passing_of(slot: u32) -> u32 {
-    return samples[slot].passing;
-}
-
-fn keep_passing(slot: u32, passing: u32) {
-    samples[slot].passing = passing;
 }
 
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {

@@ -1,10 +1,11 @@
 // Takes each path to the surface that its ray met: light seen there, a light sample for the shadow rays to come, and where
 // the path goes on. `cpu.rs`, `Tracer::advance`, without maps of caustics and records.
 //
-// Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. What a path passed is a word:
-// bits 0 and 1 as below, from bit 2 up how many surfaces it looked past.
+// Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. Where `SHADOWS_KNOWN`, what lies
+// near the first diffuse surface from the eye shadows what is known of the light there, and is looked at. What a path passed
+// is a word: bits 0 and 1 as below, from bit 2 up how many surfaces it looked past.
 
-/// The first diffuse surface was too near to be answered for.
+/// The first diffuse surface was too near to be answered for, or what lies near it is looked at.
 const IS_NEAR: u32 = 1u;
 /// A mirror or glass has sent the path on since.
 const IS_BY_MIRRORS: u32 = 2u;
@@ -30,10 +31,11 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
 fn advance(slot: u32) -> bool {
     var path = paths[slot];
     let hit = hits[slot];
-    var passing = 0u;
-    if LOOKS_PAST {
-        passing = passing_of(slot);
+    var passing = path.passing;
+    if SHADOWS_KNOWN && hit.instance != NO_INDEX && hit.t < path.lost_m {
+        passing |= IS_NEAR;
     }
+    path.lost_m = 0.0;
     let is_beyond_near = (passing & IS_NEAR) != 0u && path.class_so_far != EMITTED;
     // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
     let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
@@ -63,24 +65,56 @@ fn advance(slot: u32) -> bool {
     // by one scattering less.
     let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
         && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
-    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0);
+    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), 0.0);
     var is_near = false;
     if is_asked {
-        known = scattered_light(surface, -path.direction);
+        let is_drawn = SHADOWS_KNOWN && pass_header.index >= BLURRED_SAMPLES && !is_beyond_near;
+        var draw = vec3f(0.0);
+        if is_drawn {
+            draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
+        }
+        known = scattered_light(surface, -path.direction, is_drawn, draw);
         is_near = LOOKS_PAST && (passing >> NEAR_COUNT_SHIFT) < NEAR_MAX && hit.t < NEAR_BLURS * known.blur_m;
     }
     let followed = select(FOLLOWED_WANTED, select(FOLLOWED_SPECULAR, FOLLOWED_ALL, is_near), is_beyond_near);
     add_light_sample(slot, path, hit, surface, sampler, followed);
     if is_asked {
-        if !is_near {
+        path.lost_m = known.lost_m;
+        if path.lost_m > 0.0 {
+            add_known(slot, path, hit, surface, known);
+        } else if !is_near {
             add_radiance(slot, INDIRECT, path.throughput * known.indirect);
         }
-        add_radiance(slot, CAUSTIC, path.throughput * known.caustic);
+        let class_of_caustic = class_after(class_after(path.class_so_far, false), true);
+        add_radiance(slot, class_of_caustic, path.throughput * known.caustic);
         // Beyond a near surface the path stays so, whatever it meets.
         passing = (passing & ~IS_NEAR) | select(0u, IS_NEAR, is_near || is_beyond_near);
         passing += select(0u, 1u << NEAR_COUNT_SHIFT, is_near);
     }
     return scatter(slot, &path, hit, surface, sampler, followed, passing);
+}
+
+/// What is known of the light, unless something near hides it.
+fn add_known(slot: u32, path: Path, hit: Hit, surface: Surface, known: ScatteredLight) {
+    var shadow: Shadow;
+    shadow.origin = origin_towards(surface.point, known.lit_from);
+    shadow.direction = known.lit_from;
+    shadow.t_max = known.lost_m;
+    shadow.classes = INDIRECT | (INDIRECT << 8u);
+    shadow.diffuse = path.throughput * known.indirect;
+    shadow.light_instance = NO_INDEX;
+    shadow.glossy = vec3f(0.0);
+    shadow.light_triangle = NO_INDEX;
+    shadow.left_instance = hit.instance;
+    shadow.left_triangle = hit.triangle;
+    ask_for(pass_header.capacity + slot, shadow);
+}
+
+/// Its ray is traced in the step to come.
+fn ask_for(place: u32, shadow: Shadow) {
+    shadows[place] = shadow;
+    let queued = atomicAdd(&counters.next_shadow_count, 1u);
+    queues[2u * pass_header.capacity + queued] = place;
 }
 
 fn add_environment(slot: u32, path: Path) {
@@ -189,9 +223,7 @@ fn add_light_sample(
     shadow.classes = class_of_diffuse | (class_of_glossy << 8u);
     shadow.left_instance = hit.instance;
     shadow.left_triangle = hit.triangle;
-    shadows[slot] = shadow;
-    let place = atomicAdd(&counters.next_shadow_count, 1u);
-    queues[2u * pass_header.capacity + place] = slot;
+    ask_for(slot, shadow);
 }
 
 fn scatter(
@@ -240,8 +272,9 @@ fn scatter(
         }
         (*path).throughput *= 1.0 / survival;
     }
-    if LOOKS_PAST {
-        keep_passing(slot, (passing & ~IS_BY_MIRRORS) | select(0u, IS_BY_MIRRORS, drawn.is_specular));
+    (*path).passing = (passing & ~IS_BY_MIRRORS) | select(0u, IS_BY_MIRRORS, drawn.is_specular);
+    if drawn.is_specular {
+        (*path).lost_m = 0.0;
     }
     paths[slot] = *path;
     return true;

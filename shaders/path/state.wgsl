@@ -44,9 +44,15 @@ struct Path {
     left_instance: u32,
     left_triangle: u32,
     key: vec2u,
+    /// How near to the last surface what the ray meets hides some of what is known of the light there, m; 0: at no distance.
+    lost_m: f32,
+    /// What it passed, see `shade.wgsl`.
+    passing: u32,
+    padding_0: u32,
+    padding_1: u32,
 }
 
-/// A light sample that waits for its shadow ray.
+/// A light sample, or known light, that waits for its shadow ray.
 struct Shadow {
     origin: vec3f,
     t_max: f32,
@@ -84,9 +90,10 @@ const INDIRECT: u32 = 3u;
 @group(2) @binding(0) var<uniform> pass_header: PassHeader;
 @group(2) @binding(1) var<storage, read_write> paths: array<Path>;
 @group(2) @binding(2) var<storage, read_write> hits: array<Hit>;
+/// By slot; behind those, `capacity` further on, of known light, where shadows of that are asked for.
 @group(2) @binding(3) var<storage, read_write> shadows: array<Shadow>;
 // Binding 4: `samples`.
-/// Three queues of `capacity` slots: rays, rays, shadow rays.
+/// Queues of `capacity` slots: rays, rays, and shadow rays, of which there may be twice as many.
 @group(2) @binding(5) var<storage, read_write> queues: array<u32>;
 @group(2) @binding(6) var<storage, read_write> counters: Counters;
 

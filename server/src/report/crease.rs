@@ -168,7 +168,7 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         true
     }
 
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+    fn scattered(&self, surface: &Surface, wo: Vec3, _draw: Option<[f32; 3]>) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let is_front = wo.dot(n_geo) >= 0.0;
         let on = surface.point.on;
@@ -176,7 +176,7 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         let n = if is_front { n_geo } else { -n_geo };
         let [indirect, caustic] = self.0.irradiance(place, surface.point.position, n);
         let f = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo));
-        ScatteredLight { indirect: f * indirect, caustic: f * caustic, blur_m: 0.0 }
+        ScatteredLight { indirect: f * indirect, caustic: f * caustic, blur_m: 0.0, from: None }
     }
 }
 

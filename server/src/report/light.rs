@@ -132,7 +132,7 @@ pub(super) fn look_ups_per_second(prepared: &Prepared, light: &dyn SecondaryLigh
         // Pieces as large as a tile of a picture: the cost of sharing them out is lost in them.
         seen.par_chunks(1024).for_each(|surfaces| {
             for (surface, wo) in surfaces {
-                std::hint::black_box(light.scattered(surface, *wo));
+                std::hint::black_box(light.scattered(surface, *wo, None));
             }
         });
         count += seen.len();

@@ -206,17 +206,17 @@ impl SecondaryLight for IrradianceCache {
         self.base.as_ref().is_some_and(|base| base.has_caustics())
     }
 
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
-        let scattered = self.scattered_but_caustics(surface, wo);
+    fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
+        let scattered = self.scattered_but_caustics(surface, wo, draw);
         match &self.base {
             Some(base) if base.has_caustics() => {
-                ScatteredLight { caustic: base.scattered(surface, wo).caustic, ..scattered }
+                ScatteredLight { caustic: base.scattered(surface, wo, None).caustic, ..scattered }
             }
             _ => scattered,
         }
     }
 
-    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
         match self.any_irradiance(surface.point.position, &Facing::of(surface, wo)) {
             Some(irradiance) => {
                 let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * irradiance;
@@ -224,7 +224,8 @@ impl SecondaryLight for IrradianceCache {
                 ScatteredLight { indirect, ..ScatteredLight::default() }
             }
             None => {
-                self.base.as_ref().map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo))
+                let base = self.base.as_ref();
+                base.map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo, draw))
             }
         }
     }

@@ -13,6 +13,7 @@
 
 mod build;
 mod cluster;
+mod drawing;
 mod harmonics;
 mod pack;
 mod tree;
@@ -29,10 +30,10 @@ use glam::{IVec3, Vec3};
 
 pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
 
-use self::{build::Building, cluster::Spread, tree::Nodes, voxels::Voxels};
+use self::{build::Building, cluster::Spread, drawing::DrawnLight, tree::Nodes, voxels::Voxels};
 use super::{
-    Bias, Card, Counts, Edit, LIKE_COS, PackedLight, PhotonProduct, Progress, ScatteredLight, SecondaryLight,
-    Step, Surfaces, Technique,
+    Bias, Card, Counts, Edit, LIKE_COS, LitFrom, PackedLight, PhotonProduct, Progress, ScatteredLight,
+    SecondaryLight, Step, Surfaces, Technique,
 };
 use crate::{
     math::Rgb,
@@ -274,6 +275,17 @@ impl LightOctree {
         Spread { chord_rms, ..Spread::default() }.degrees()
     }
 
+    /// What lies nearer than this is lost where light is blurred so far, m. A coarse octree's blur is larger than what the photons
+    /// will show in the end; to trace all that is lost in it would be path tracing.
+    fn lost_m(&self, blur_m: f32) -> f32 {
+        (LOST_BLURS * blur_m).min(self.lost_max_m())
+    }
+
+    /// In half the radius at which the fewest photons of a gather lie in even light.
+    fn lost_max_m(&self) -> f32 {
+        LOST_BLURS * self.radius_max_m / RADIUS_MAX_EVEN
+    }
+
     fn vdls_of(&self, set: &LeafSet, class: usize) -> &[Vdl] {
         let end = if class == 0 { set.first_vdl[1] } else { set.end_vdl };
         &self.vdls[set.first_vdl[class] as usize..end as usize]
@@ -367,7 +379,7 @@ impl SecondaryLight for LightOctree {
         self.packed_light()
     }
 
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+    fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
         let n_geo = surface.point.n_geo;
         let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
         let n_shade = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
@@ -375,6 +387,7 @@ impl SecondaryLight for LightOctree {
         let mut sums = [Rgb::BLACK; 2];
         let mut blur_m = 0.0;
         let mut is_known = false;
+        let mut drawn = draw.map(DrawnLight::new);
         self.around(surface.point.position, n_facing, |weight, set, place| {
             is_known = true;
             blur_m += self.gathers[place].radius_m[0] * weight;
@@ -385,16 +398,31 @@ impl SecondaryLight for LightOctree {
                 return;
             }
             let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
-            sums[0] += shading.response(&self.shaded[first..first_caustic], set.softness[0]) * weight;
+            let vdls = &self.shaded[first..first_caustic];
+            sums[0] += shading.response(vdls, set.softness[0]) * weight;
+            if let Some(drawn) = &mut drawn {
+                for vdl in vdls {
+                    let cos = set.softness[0].cos(n_shade.dot(vdl.direction));
+                    drawn.offer(vdl.scaled.max_component() * cos * weight, place, vdl.direction);
+                }
+            }
             if first_caustic < set.end_vdl as usize {
                 let caustic = &self.shaded[first_caustic..set.end_vdl as usize];
                 sums[1] += shading.response(caustic, set.softness[1]) * weight;
             }
         });
         let blur_m = if is_known { blur_m } else { self.radius_max_m };
-        ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m }
+        let from = drawn.and_then(|drawn| {
+            let place = drawn.place?;
+            let direction = drawn.direction(self.gathers[place].chord_rms[0], n_facing);
+            Some(LitFrom { direction, lost_m: self.lost_m(blur_m) })
+        });
+        ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from }
     }
 }
+
+/// What lies nearer than so many blurs is lost in them. Of 0.25 to 1, this leaves the least error.
+const LOST_BLURS: f32 = 0.5;
 
 /// A surface and the eye.
 struct Shading<'a> {

@@ -1,6 +1,6 @@
 //! The octree packed for the GPU.
 
-use super::{LightOctree, PackedVdl, Vdl};
+use super::{LOST_BLURS, LightOctree, PackedVdl, Vdl, drawing::SPREAD_DRAWN};
 use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
 
 impl LightOctree {
@@ -22,8 +22,8 @@ impl LightOctree {
             reach: set.softness[0].reach,
             caustic_reach: set.softness[1].reach,
             blur_m: gather.radius_m[0],
+            spread: SPREAD_DRAWN * gather.chord_rms[0],
             padding_0: 0,
-            padding_1: 0,
         });
         let packed = self.shaded.iter().map(|vdl| {
             let packed = PackedVdl::pack(&Vdl { direction: vdl.direction, irradiance: vdl.scaled });
@@ -38,9 +38,9 @@ impl LightOctree {
                 per_sheet_m2: self.per_sheet_m2,
                 first_sets_at,
                 blur_max_m: self.radius_max_m,
+                lost_blurs: LOST_BLURS,
+                lost_max_m: self.lost_max_m(),
                 padding_0: 0,
-                padding_1: 0,
-                padding_2: 0,
             },
             words,
             sets: sets.collect(),

@@ -19,6 +19,14 @@ pub(super) const SURVIVAL_MAX: f32 = 0.998;
 /// A path ends here whatever it carries: one in 3,600 of those that lose nothing at all gets so far.
 pub(super) const BOUNCES_END: u32 = 4096;
 
+/// Surfaces that rays of a gather meet nearer than so many times the blur of what is known there are looked past.
+pub(super) const NEAR_BLURS: f32 = 2.0;
+/// The first samples of a pixel show known light as blurred as it is: what lies near is noise until there are some more, and their
+/// share of the picture shrinks with every further one.
+pub(super) const BLURRED_SAMPLES: u32 = 2;
+/// First of the random numbers by which a direction of known light is drawn, far beyond those of all scatterings.
+pub(super) const FROM_DIMENSION: u32 = 1 << 14;
+
 /// Near surfaces that are looked past, one from another, at most: in corners the next is near again.
 pub(super) const NEAR_MAX: u32 = 3;
 
@@ -33,9 +41,20 @@ pub(super) struct Tracer<'a> {
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
     /// What answers for caustics in its place; where all paths are traced, for those that cannot be found alone.
     pub(super) caustics: Option<&'a dyn FocusedLight>,
-    /// A diffuse surface nearer than so many times the blur of what is known there is not answered for itself, but what it sees
-    /// in turn: so near the blur would show.
-    pub(super) near_blurs: f32,
+    pub(super) near: Near,
+}
+
+/// What is done about the blur of what is known of light, which hides what lies nearer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Near {
+    /// Nothing.
+    Blurred,
+    /// A diffuse surface nearer to where the ray sets out than [`NEAR_BLURS`] blurs is not answered for itself, but what it sees
+    /// in turn.
+    LookedPast,
+    /// Light known at the first diffuse surface from the eye is shadowed by what lies so near that it is lost in the blur; what
+    /// that sends in turn is looked at. The far field is looked up and the near one traced, as in [Arikan2005].
+    Shadowed,
 }
 
 /// Which rays go on from a surface.
@@ -62,7 +81,9 @@ struct Path<'a> {
     last: Option<LastVertex>,
     /// What the ray crosses; `None` in air and clear glass.
     medium: Option<Absorption>,
-    /// The first diffuse surface was too near to be answered for.
+    /// How near to the last surface what the ray meets hides some of what is known of the light there, m; 0: at no distance.
+    lost_m: f32,
+    /// The first diffuse surface was too near to be answered for, or what lies near it is looked at.
     is_near: bool,
     /// How many were.
     near_count: u32,
@@ -116,6 +137,7 @@ impl Tracer<'_> {
             eta_squared: 1.0,
             last: None,
             medium: None,
+            lost_m: 0.0,
             is_near: false,
             near_count: 0,
             is_by_mirrors: false,
@@ -148,6 +170,7 @@ impl Tracer<'_> {
             }
             return false;
         };
+        path.is_near |= hit.t < std::mem::take(&mut path.lost_m);
         let surface = self.world.surface(&hit, path.ray.direction);
         // Glass met from inside says what the ray came through, also to a camera that stands in it; every other surface
         // is met in what the path entered last.
@@ -175,8 +198,10 @@ impl Tracer<'_> {
             return false;
         }
         let known = self.known_at(path, &surface);
-        let is_near =
-            known.is_some_and(|known| path.near_count < NEAR_MAX && hit.t < self.near_blurs * known.blur_m);
+        let is_near = known.is_some_and(|known| {
+            let is_passed = self.near == Near::LookedPast && path.near_count < NEAR_MAX;
+            is_passed && hit.t < NEAR_BLURS * known.blur_m
+        });
         let followed = match (is_beyond_near, is_near) {
             (false, _) => Followed::Wanted,
             // Past another near one.
@@ -189,9 +214,19 @@ impl Tracer<'_> {
             // Beyond a near surface the path stays so, whatever it meets.
             path.is_near = is_near || is_beyond_near;
             path.near_count += u32::from(is_near);
-            let indirect = if is_near { Rgb::BLACK } else { known.indirect };
-            sample.radiance[PathClass::Indirect as usize] += path.throughput * indirect;
-            sample.radiance[PathClass::Caustic as usize] += path.throughput * known.caustic;
+            let shadow = known.from.filter(|from| from.lost_m > 0.0).map(|from| {
+                let ray = Ray { t_max: from.lost_m, ..surface.point.ray_towards(from.direction) };
+                ShadowRay { ray, light: None }
+            });
+            if let Some(shadow_ray) = &shadow {
+                path.lost_m = shadow_ray.ray.t_max;
+                tally.shadow_ray(shadow_ray);
+            }
+            if !is_near && !shadow.is_some_and(|shadow_ray| self.world.is_occluded(&shadow_ray)) {
+                sample.radiance[PathClass::Indirect as usize] += path.throughput * known.indirect;
+            }
+            let class_of_caustic = path.class.after(Scatter::Diffuse).after(Scatter::Specular);
+            sample.radiance[class_of_caustic as usize] += path.throughput * known.caustic;
         }
         let is_gathering = self.gather_focused(path, &surface, sample);
         if !self.scatter(path, &surface, followed) {
@@ -300,10 +335,20 @@ impl Tracer<'_> {
         let secondary = self.secondary?;
         let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
         let wo = -path.ray.direction;
-        (is_asked && self.asks_for_more(path) && surface.bsdf.has_diffuse()).then(|| match self.caustics {
-            None => secondary.scattered(surface, wo),
-            Some(_) => {
-                ScatteredLight { caustic: Rgb::BLACK, ..secondary.scattered_but_caustics(surface, wo) }
+        (is_asked && self.asks_for_more(path) && surface.bsdf.has_diffuse()).then(|| {
+            let (_, sample_index) = path.sampler.name();
+            let is_shadowed =
+                self.near == Near::Shadowed && sample_index >= BLURRED_SAMPLES && !path.is_beyond_near();
+            let draw = is_shadowed.then(|| {
+                let [choice, u, v, _] = path.sampler.four(FROM_DIMENSION + path.bounce);
+                [choice, u, v]
+            });
+            match self.caustics {
+                None => secondary.scattered(surface, wo, draw),
+                Some(_) => {
+                    let known = secondary.scattered_but_caustics(surface, wo, draw);
+                    ScatteredLight { caustic: Rgb::BLACK, ..known }
+                }
             }
         })
     }
@@ -317,10 +362,14 @@ impl Tracer<'_> {
     /// Adds what the surface sends to the eye of light that only mirrors and glass sent on before, by its diffuse lobe and by
     /// a broad gloss. True if that gloss has all of it: what is gathered by way of further mirrors would be part of it.
     fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
-        let Some(caustics) = self.caustics.filter(|_| !path.is_beyond_near()) else { return false };
+        let Some(caustics) = self.caustics else { return false };
         // A gloss shows the light of lamps in mirrors, which goes with the caustics.
         let is_shown = self.settings.shown.contains(PathClass::Caustic);
-        let is_broad = is_shown && surface.bsdf.has_broad_gloss() && path.since_gathered == 0;
+        let is_broad = is_shown
+            && surface.bsdf.has_broad_gloss()
+            && path.since_gathered == 0
+            // What it sends to a near surface before is known there.
+            && !path.is_beyond_near();
         let is_diffuse = surface.bsdf.has_diffuse();
         if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
             return false;
@@ -368,6 +417,9 @@ impl Tracer<'_> {
             return false;
         }
         path.is_by_mirrors = drawn.scatter == Scatter::Specular;
+        if path.is_by_mirrors {
+            path.lost_m = 0.0;
+        }
         path.throughput *= drawn.weight;
         path.eta_squared *= drawn.eta_squared;
         path.class = class;

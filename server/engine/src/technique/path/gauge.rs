@@ -7,7 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::{Counts, FocusedLight, PathSettings, Tracer, View, cpu::primary_ray};
+use super::{
+    Counts, FocusedLight, PathSettings, Tracer, View,
+    cpu::{Near, primary_ray},
+};
 use crate::{
     film::{GAUGED_PARTS, GaugedPixel, PictureSize, PixelSample},
     math::sobol::{self, PixelSampler},
@@ -111,7 +114,7 @@ impl Gauge {
             settings: self.settings,
             secondary: None,
             caustics,
-            near_blurs: 0.0,
+            near: Near::Blurred,
         });
         let width = self.size.width();
         let set = &mut self.sets[index];

@@ -45,10 +45,7 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     transport::{PathClass, PathClasses, ShadowRay, World},
 };
-use cpu::{Tracer, primary_ray};
-
-/// Surfaces that rays of a gather meet nearer than so many times the blur of what is known there are looked past.
-const NEAR_BLURS: f32 = 2.0;
+use cpu::{Near, Tracer, primary_ray};
 
 /// Parameters of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,7 +118,7 @@ impl Technique for PathTracer {
             settings: self.settings,
             secondary,
             caustics: step.products.caustics.as_deref(),
-            near_blurs: 0.0,
+            near: Near::Shadowed,
         };
         let film = &mut *canvas.film;
         let width = film.size().width();
@@ -166,7 +163,7 @@ impl ArrivingLight for PathTracer {
             settings: self.settings,
             secondary,
             caustics: None,
-            near_blurs: NEAR_BLURS,
+            near: Near::LookedPast,
         };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
@@ -224,7 +221,7 @@ pub fn rays_of_a_pass(
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
     let tracer =
-        Tracer { world, view: Some(view), settings, secondary: None, caustics: None, near_blurs: 0.0 };
+        Tracer { world, view: Some(view), settings, secondary: None, caustics: None, near: Near::Blurred };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, view, tile, size.width(), &mut queries);

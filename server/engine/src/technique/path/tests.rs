@@ -4,7 +4,7 @@ use std::sync::{Arc, atomic::AtomicBool};
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-use super::{PathSettings, PathTracer, Tracer};
+use super::{Near, PathSettings, PathTracer, Tracer};
 use crate::{
     accel::Ray,
     film::{Film, PictureSize},
@@ -305,9 +305,9 @@ impl SecondaryLight for EvenSecondary {
         PathTracer::new(PathSettings::all(None, 0)).card()
     }
 
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+    fn scattered(&self, surface: &Surface, wo: Vec3, _draw: Option<[f32; 3]>) -> ScatteredLight {
         let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * self.irradiance;
-        ScatteredLight { indirect, caustic: Rgb::BLACK, blur_m: self.blur_m }
+        ScatteredLight { indirect, caustic: Rgb::BLACK, blur_m: self.blur_m, from: None }
     }
 
     fn has_caustics(&self) -> bool {
@@ -360,7 +360,7 @@ impl SecondaryLight for Traced {
         whole().card()
     }
 
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
+    fn scattered(&self, surface: &Surface, wo: Vec3, _draw: Option<[f32; 3]>) -> ScatteredLight {
         let number = self.asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let [lobe, u, v, ..] = crate::math::sobol::point(77, number);
         let nothing = ScatteredLight { blur_m: 100.0, ..ScatteredLight::default() };
@@ -378,7 +378,7 @@ impl SecondaryLight for Traced {
             settings: whole().settings,
             secondary: None,
             caustics: None,
-            near_blurs: 0.0,
+            near: Near::Blurred,
         };
         let sampler = PixelSampler::new(78, 0, 0, number);
         let sample = tracer.sample_pixel(&ray, Some(hit), &sampler, &mut Counts::default());
@@ -388,7 +388,12 @@ impl SecondaryLight for Traced {
         let all = sample.radiance.iter().fold(Rgb::BLACK, |sum, class| sum + *class);
         let caustic = Rgb::from([0, 1, 2].map(|c| emitted.to_array()[c] - straight.to_array()[c]));
         let indirect = Rgb::from([0, 1, 2].map(|c| all.to_array()[c] - emitted.to_array()[c]));
-        ScatteredLight { indirect: drawn.weight * indirect, caustic: drawn.weight * caustic, blur_m: 100.0 }
+        ScatteredLight {
+            indirect: drawn.weight * indirect,
+            caustic: drawn.weight * caustic,
+            blur_m: 100.0,
+            from: None,
+        }
     }
 
     fn has_caustics(&self) -> bool {

@@ -42,6 +42,17 @@ pub struct ScatteredLight {
     pub caustic: Rgb,
     /// How far indirect light is blurred here, m: nearer than that it is not to be looked at.
     pub blur_m: f32,
+    /// Where some of the indirect light comes from; `None` where nobody asked or that is not known.
+    pub from: Option<LitFrom>,
+}
+
+/// A direction that indirect light comes from, drawn in proportion to what the diffuse lobe sends on of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LitFrom {
+    /// A unit vector.
+    pub direction: Vec3,
+    /// What lies nearer is lost in the blur, m: it may hide this light, and send on other light in its place.
+    pub lost_m: f32,
 }
 
 /// A cache of the light that surfaces receive: what the eye's paths ask at the first diffuse surface instead of going on.
@@ -50,11 +61,13 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     fn card(&self) -> &'static Card;
 
     /// What the diffuse lobe of `surface` sends to `wo`.
-    fn scattered(&self, surface: &Surface, wo: Vec3) -> ScatteredLight;
+    ///
+    /// - `draw`: random numbers in [0, 1) that [`ScatteredLight::from`] is drawn by, if it is asked for
+    fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight;
 
     /// The same, but for caustics, which something else knows better: they may be left out.
-    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3) -> ScatteredLight {
-        self.scattered(surface, wo)
+    fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
+        self.scattered(surface, wo, draw)
     }
 
     /// Some surface receives light that only mirrors and glass sent on.

@@ -24,12 +24,12 @@ pub struct GpuOctreeHeader {
     pub first_sets_at: u32,
     /// How far indirect light is blurred where nothing is known, m.
     pub blur_max_m: f32,
+    /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
+    pub lost_blurs: f32,
+    /// See there, m.
+    pub lost_max_m: f32,
     /// Nothing.
     pub padding_0: u32,
-    /// Nothing.
-    pub padding_1: u32,
-    /// Nothing.
-    pub padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.
@@ -52,10 +52,10 @@ pub struct GpuLightSet {
     pub caustic_reach: f32,
     /// How far indirect light is blurred, m.
     pub blur_m: f32,
+    /// How far directions drawn of a light of indirect light lie from its own: root mean square of unit vectors.
+    pub spread: f32,
     /// Nothing.
     pub padding_0: u32,
-    /// Nothing.
-    pub padding_1: u32,
 }
 
 /// Light in cells, ready to be copied into buffers.

@@ -98,9 +98,9 @@ pub(super) struct GpuRaySample {
     pub(super) radiance: [f32; 3],
     pub(super) distance_m: f32,
     pub(super) index: u32,
-    pub(super) passing: u32,
     pub(super) padding_0: u32,
     pub(super) padding_1: u32,
+    pub(super) padding_2: u32,
 }
 
 impl GpuRaySample {

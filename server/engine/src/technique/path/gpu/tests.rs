@@ -28,7 +28,7 @@ use crate::{
     },
     technique::{
         Products,
-        path::{Tracer, closed_forms::SQUARE, primary_ray},
+        path::{Near, Tracer, closed_forms::SQUARE, primary_ray},
     },
     transport::World,
 };
@@ -98,7 +98,7 @@ impl Shot {
             settings: self.settings,
             secondary: self.known.as_deref(),
             caustics: None,
-            near_blurs: 0.0,
+            near: Near::Shadowed,
         };
         let width = self.size.width();
         let (samples, counts): (Vec<_>, Vec<_>) = (0..self.size.pixel_count() as u32)

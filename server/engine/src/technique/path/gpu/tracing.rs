@@ -23,7 +23,7 @@ use crate::{
 
 /// Invocations of a workgroup.
 pub(super) const WORKGROUP: u32 = 64;
-/// Fewest and most paths of a slice, 288 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
+/// Fewest and most paths of a slice, some 400 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
 /// its own.
 pub(super) const SLICE_MIN: u32 = 4096;
 pub(super) const SLICE_MAX: u32 = 1 << 18;
@@ -33,15 +33,15 @@ pub(super) const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
 const SCATTERINGS_FIRST: u32 = 4;
 const SCATTERINGS_MAX: u32 = 64;
 
-/// Bytes of a path on the card, by buffer: state, hit, shadow ray, sample, places in three queues; and of a ray that it begins
+/// Bytes of a path on the card, by buffer: state, hit, a shadow ray, sample, a place in a queue; and of a ray that it begins
 /// with.
-pub(super) const PATH_BYTES: u64 = 96;
+pub(super) const PATH_BYTES: u64 = 112;
 pub(super) const HIT_BYTES: u64 = 20;
 pub(super) const SHADOW_BYTES: u64 = 80;
 pub(super) const SAMPLE_BYTES: u64 = size_of::<GpuPixelSample>() as u64;
 pub(super) const RAY_SAMPLE_BYTES: u64 = size_of::<GpuRaySample>() as u64;
 const RAY_BYTES: u64 = size_of::<GpuGatherRay>() as u64;
-const QUEUES_BYTES: u64 = 12;
+const QUEUE_BYTES: u64 = 4;
 pub(super) const DISPATCH_BYTES: u64 = 32;
 /// Where the sizes of shadow rays begin in the buffer of sizes.
 pub(super) const SHADOW_SIZES_AT: u64 = 12;
@@ -79,6 +79,14 @@ impl PathStart {
         }
     }
 
+    /// Shadow rays of a path at once, at most: of its light sample, and for pixels of light that is known.
+    fn shadow_rays_max(self) -> u64 {
+        match self {
+            PathStart::Pixels => 2,
+            PathStart::Rays => 1,
+        }
+    }
+
     fn sample_bytes(self) -> u64 {
         match self {
             PathStart::Pixels => SAMPLE_BYTES,
@@ -108,9 +116,9 @@ impl Places {
         let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
         let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
         let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
-        let shadows = session.buffer_zeroed("shadow rays", count * SHADOW_BYTES)?;
+        let shadows = session.buffer_zeroed("shadow rays", count * from.shadow_rays_max() * SHADOW_BYTES)?;
         let samples = session.buffer_zeroed("samples", count * from.sample_bytes())?;
-        let queues = session.buffer_zeroed("queues", count * QUEUES_BYTES)?;
+        let queues = session.buffer_zeroed("queues", count * (2 + from.shadow_rays_max()) * QUEUE_BYTES)?;
         let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
         let layout = session.layout(&[
             Binding::Uniform,

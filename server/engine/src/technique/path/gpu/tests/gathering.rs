@@ -13,7 +13,7 @@ use crate::{
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
     render::{Backend, BackendTrial, IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::samples,
-    technique::{Arrived, ArrivingLight, GatherRay, path::NEAR_BLURS},
+    technique::{Arrived, ArrivingLight, GatherRay, path::cpu::Near},
 };
 
 /// Rays from each point that a pixel sees.
@@ -40,14 +40,14 @@ impl Shot {
         }
     }
 
-    fn along_on_cpu(&self, rays: &[GatherRay], near_blurs: f32) -> Vec<OnCpu> {
+    fn along_on_cpu(&self, rays: &[GatherRay], near: Near) -> Vec<OnCpu> {
         let tracer = Tracer {
             world: &self.world,
             view: None,
             settings: self.settings,
             secondary: self.known.as_deref(),
             caustics: None,
-            near_blurs,
+            near,
         };
         let along = |GatherRay { ray, sampler }: &GatherRay| {
             let mut counts = Counts::default();
@@ -111,8 +111,8 @@ fn rays_bring_the_same_on_a_card() {
         ("cabinet, three bounces", alone(cabinet()), false),
     ] {
         let rays = rays_of(&shot);
-        let near_blurs = if looks_past { NEAR_BLURS } else { 0.0 };
-        let cpu = shot.along_on_cpu(&rays, near_blurs);
+        let near = if looks_past { Near::LookedPast } else { Near::Blurred };
+        let cpu = shot.along_on_cpu(&rays, near);
         let (card, counts) = shot.along_on_card(&gpu, &rays);
         assert_eq!((cpu.len(), counts.paths), (card.len(), rays.len() as u64));
         let mean =
@@ -140,7 +140,7 @@ fn rays_bring_the_same_on_a_card() {
         }
         let mut past = 0;
         if looks_past {
-            let not_past = shot.along_on_cpu(&rays, 0.0);
+            let not_past = shot.along_on_cpu(&rays, Near::Blurred);
             past = cpu.iter().zip(&not_past).filter(|(a, b)| a.rays != b.rays).count();
             // Rays that look past nothing would pass no test of looking past.
             assert!(past > rays.len() / 20, "{name}: {past} look past something");

@@ -133,9 +133,9 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             per_sheet_m2,
             first_sets_at,
             blur_max_m,
+            lost_blurs,
+            lost_max_m,
             padding_0,
-            padding_1,
-            padding_2,
         }
     );
     assert_same_layout!(
@@ -150,8 +150,8 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             reach,
             caustic_reach,
             blur_m,
+            spread,
             padding_0,
-            padding_1,
         }
     );
 }
@@ -224,7 +224,7 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
     assert_same_layout!(
         &begin_ray,
         "RaySample",
-        GpuRaySample { radiance, distance_m, index, passing, padding_0, padding_1 }
+        GpuRaySample { radiance, distance_m, index, padding_0, padding_1, padding_2 }
     );
     for (name, byte_count) in [("Path", PATH_BYTES), ("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
         assert_eq!(u64::from(layout(&source, name).1), byte_count, "{name}");
