@@ -9,12 +9,12 @@ use crate::{
     accel::Ray,
     film::{Film, PictureSize},
     math::{Rgb, sobol::PixelSampler},
-    render::{Indirect, RenderSettings, Rendering},
+    render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::{
         CameraView, Environment, Light, LightKind, Material, Projection, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{ArrivingLight, Card, Counts, ScatteredLight, SecondaryLight, Technique, View},
+    technique::{ArrivingLight, Card, Counts, LitFrom, ScatteredLight, SecondaryLight, Technique, View},
     transport::{PathClass, Scatter, Surface, World},
 };
 
@@ -346,6 +346,142 @@ fn near_surfaces_are_looked_past_without_loss() {
         let expected = f64::from(radiance - emission);
         assert!((mean / expected - 1.0).abs() < 0.01, "blur {blur_m} m: {mean} for {expected}");
     }
+}
+
+/// The same, lit evenly from all around.
+#[derive(Debug)]
+struct EvenFrom {
+    even: EvenSecondary,
+    lost_m: f32,
+}
+
+impl SecondaryLight for EvenFrom {
+    fn card(&self) -> &'static Card {
+        self.even.card()
+    }
+
+    fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
+        let from = draw.map(|[_, u, v]| {
+            let local = crate::math::warp::cosine_hemisphere([u, v]);
+            let wo_local = surface.frame.to_local(wo);
+            let direction = surface.frame.to_world(local.with_z(local.z.copysign(wo_local.z)));
+            LitFrom { direction, lost_m: self.lost_m }
+        });
+        ScatteredLight { from, ..self.even.scattered(surface, wo, None) }
+    }
+
+    fn has_caustics(&self) -> bool {
+        false
+    }
+}
+
+/// Means by class of samples that set out along `rays` from an eye, and their shadow rays.
+fn mean_seen(
+    world: &World,
+    secondary: &dyn SecondaryLight,
+    near: Near,
+    indices: std::ops::Range<u32>,
+    rays: impl Fn([f32; 4]) -> Ray,
+) -> ([f64; 4], u64) {
+    let settings = PathSettings::all(None, 3).asking();
+    let tracer = Tracer { world, view: None, settings, secondary: Some(secondary), caustics: None, near };
+    let (mut sums, mut counts) = ([0.0; 4], Counts::default());
+    for index in indices.clone() {
+        let ray = rays(crate::math::sobol::point(5, index));
+        let sampler = PixelSampler::new(6, 0, 0, index);
+        let sample = tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut counts);
+        for (sum, radiance) in sums.iter_mut().zip(sample.radiance) {
+            *sum += f64::from(radiance.mean()) / f64::from(indices.end - indices.start);
+        }
+    }
+    (sums, counts.shadow_rays)
+}
+
+/// In a furnace, what shadows known light sends on as much, wherever the blur ends: in the corners everything is near, in the
+/// middle of walls next to nothing.
+#[test]
+fn shadows_of_known_light_lose_nothing() {
+    let (albedo, emission) = (0.6f32, 0.5f32);
+    let world = World::prepare(Arc::new(samples::furnace(albedo, emission).unwrap()));
+    let radiance = emission / (1.0 - albedo);
+    let irradiance = Rgb::splat(std::f32::consts::PI * (radiance - emission));
+    let all_around = |[u, v, ..]: [f32; 4]| Ray::new(Vec3::ZERO, crate::math::warp::sphere([u, v]));
+    let mut shadow_rays = Vec::new();
+    for lost_m in [0.0, 0.3, 100.0] {
+        let secondary = EvenFrom { even: EvenSecondary { irradiance, blur_m: 1.0 }, lost_m };
+        let (sums, count) = mean_seen(&world, &secondary, Near::Shadowed, 2..60_002, all_around);
+        let (mean, expected) = (sums.iter().sum::<f64>(), f64::from(radiance));
+        assert!((mean / expected - 1.0).abs() < 0.005, "{lost_m} m are lost: {mean} for {expected}");
+        shadow_rays.push(count);
+    }
+    assert!(shadow_rays[1] > shadow_rays[0] && shadow_rays[2] > shadow_rays[1], "{shadow_rays:?}");
+    // The first samples of a pixel leave light as blurred as it is known.
+    let secondary = EvenFrom { even: EvenSecondary { irradiance, blur_m: 1.0 }, lost_m: 100.0 };
+    let blurred = mean_seen(&world, &secondary, Near::Blurred, 0..2, all_around);
+    assert_eq!(mean_seen(&world, &secondary, Near::Shadowed, 0..2, all_around), blurred);
+}
+
+/// A groove between two fins, far narrower than photons are apart, is as dark as paths say.
+#[test]
+fn grooves_narrower_than_the_blur_are_dark() {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.7))).unwrap();
+    let grey = stage.material("grey", Material::lambert(Rgb::splat(0.2))).unwrap();
+    let lamp = stage.material("lamp", Material::emitter(Rgb::splat(20.0))).unwrap();
+    let mut place = |name: &str, min: [f64; 3], max: [f64; 3], material| {
+        let mesh = samples::cuboid(DVec3::from(min), DVec3::from(max), material);
+        stage.place(name, mesh, DAffine3::IDENTITY).unwrap();
+    };
+    for (name, min, max) in [
+        ("floor", [-2.0, -0.1, -2.0], [2.0, 0.0, 2.0]),
+        ("ceiling", [-2.0, 2.0, -2.0], [2.0, 2.1, 2.0]),
+        ("left", [-2.1, 0.0, -2.0], [-2.0, 2.0, 2.0]),
+        ("right", [2.0, 0.0, -2.0], [2.1, 2.0, 2.0]),
+        ("back", [-2.0, 0.0, -2.1], [2.0, 2.0, -2.0]),
+        ("front", [-2.0, 0.0, 2.0], [2.0, 2.0, 2.1]),
+    ] {
+        place(name, min, max, &white);
+    }
+    for (name, x) in [("fin", -0.025), ("other fin", 0.02)] {
+        place(name, [x, 0.0, -0.5], [x + 0.005, 0.04, 0.5], &grey);
+    }
+    place("lamp", [-1.5, 1.0, -1.5], [-1.3, 1.2, -1.3], &lamp);
+    let world = Arc::new(World::prepare(Arc::new(stage.finish())));
+    let mut settings = IlluminationSettings::of(&RenderSettings::default());
+    settings.photons.emitted_count = 60_000;
+    settings.octree.photon_count = 60_000;
+    let mut light = Illumination::new(settings);
+    for _ in 0..10_000 {
+        if light.step(&world, &AtomicBool::new(false)) {
+            break;
+        }
+    }
+    let known = light.known().unwrap().as_ref();
+    // Down to the bottom of the groove, away from its ends.
+    let downwards =
+        |[u, v, ..]: [f32; 4]| Ray::new(Vec3::new(0.03 * (u - 0.5), 0.5, 0.6 * (v - 0.5)), Vec3::NEG_Y);
+    let indirect = |near| mean_seen(&world, known, near, 2..30_002, downwards).0[3];
+    let whole = PathTracer::new(PathSettings::all(None, 0));
+    let tracer = Tracer {
+        world: &world,
+        view: None,
+        settings: whole.settings,
+        secondary: None,
+        caustics: None,
+        near: Near::Blurred,
+    };
+    let expected = (0..60_000).map(|index| {
+        let ray = downwards(crate::math::sobol::point(7, index));
+        let sampler = PixelSampler::new(8, 0, 0, index);
+        let sample = tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default());
+        f64::from(sample.radiance[PathClass::Indirect as usize].mean())
+    });
+    let expected = expected.sum::<f64>() / 60_000.0;
+    let (blurred, shadowed) = (indirect(Near::Blurred) / expected, indirect(Near::Shadowed) / expected);
+    eprintln!("of what is there, {blurred:.2} blurred, {shadowed:.2} with shadows");
+    assert!(blurred > 1.7, "nothing to be seen: {blurred}");
+    // A few directions stand for all that light comes from: a third of the blur's error may stay.
+    assert!((shadowed - 1.0).abs() < 0.3, "{shadowed}");
 }
 
 /// What is known of a surface's light to the last path: traced anew for each question.
