@@ -31,8 +31,8 @@ struct LightSet {
     caustic_reach: f32,
     /// How far indirect light is blurred, m.
     blur_m: f32,
-    /// How far directions drawn of a light of indirect light lie from its own: root mean square of unit vectors.
-    spread: f32,
+    /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
+    chord_rms: f32,
     padding_0: u32,
 }
 
@@ -45,6 +45,11 @@ struct LightSet {
 
 const NO_CELL: u32 = 0xffffffffu;
 const CELL_IS_LEAF: u32 = 0x80000000u;
+/// `octree/drawing.rs`.
+const CHORD_EVEN: f32 = 0.84;
+const DRAW_TRIES: u32 = 16u;
+const DRAW_STEPS: vec2f = vec2f(0.75487767, 0.5698403);
+const PER_CHANCE_MAX: f32 = 1e30;
 
 struct ScatteredLight {
     indirect: vec3f,
@@ -52,6 +57,8 @@ struct ScatteredLight {
     blur_m: f32,
     /// A direction that some of the indirect light comes from.
     lit_from: vec3f,
+    /// What the light that was drawn sends on, over its chance.
+    share: vec3f,
     /// What lies nearer is lost in the blur, m; 0: nobody asked, or there is no light.
     lost_m: f32,
 }
@@ -143,42 +150,65 @@ fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: 
     return sum;
 }
 
-/// `octree/drawing.rs`, `DrawnLight`.
+/// `octree/drawing.rs`.
 struct DrawnLight {
     choice: f32,
     sum: f32,
-    spread: f32,
-    direction: vec3f,
+    /// Its group; `NO_CELL`: no light yet.
+    leaf_set: u32,
+    index: u32,
 }
 
-fn offer(drawn: ptr<function, DrawnLight>, weight: f32, direction: vec3f, spread: f32) {
+fn offer(drawn: ptr<function, DrawnLight>, weight: f32, leaf_set: u32, index: u32) {
     if !(weight > 0.0) {
         return;
     }
     (*drawn).sum += weight;
     let share = weight / (*drawn).sum;
-    if (*drawn).choice < share {
+    if (*drawn).leaf_set == NO_CELL || (*drawn).choice < share {
         (*drawn).choice /= share;
-        (*drawn).direction = direction;
-        (*drawn).spread = spread;
+        (*drawn).leaf_set = leaf_set;
+        (*drawn).index = index;
     } else {
         (*drawn).choice = ((*drawn).choice - share) / (1.0 - share);
     }
 }
 
-fn around_light(drawn: DrawnLight, turn: vec2f, n_facing: vec3f) -> vec3f {
-    let radius = drawn.spread * sqrt(-log(1.0 - turn.x));
-    let angle = TAU * turn.y;
-    let frame = frame_around(drawn.direction);
-    let direction = normalize(frame_to_world(frame, vec3f(radius * cos(angle), radius * sin(angle), 1.0)));
+fn is_nearest(index: u32, direction: vec3f, first: u32, end: u32) -> bool {
+    let nearness = dot(direction, octahedral_decode(vdls[index].x));
+    for (var other = first; other < end; other++) {
+        if other != index && dot(direction, octahedral_decode(vdls[other].x)) > nearness {
+            return false;
+        }
+    }
+    return true;
+}
+
+fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
+    let first = light_sets[drawn.leaf_set].first_vdl;
+    let end = light_sets[drawn.leaf_set].first_caustic_vdl;
+    let chosen = octahedral_decode(vdls[drawn.index].x);
+    let frame = frame_around(n_facing);
+    let width = light_sets[drawn.leaf_set].chord_rms / CHORD_EVEN;
+    let share = min(width * width * f32(end - first), 1.0);
+    var direction = chosen;
+    for (var number = 0u; number < DRAW_TRIES; number++) {
+        let u = fract(turn + DRAW_STEPS * f32(number));
+        let even = frame_to_world(frame, cosine_hemisphere(u));
+        if is_nearest(drawn.index, even, first, end) {
+            direction = chosen + (even - chosen) * share;
+            break;
+        }
+    }
+    direction = normalize(direction);
     return direction - 2.0 * min(dot(direction, n_facing), 0.0) * n_facing;
 }
 
 /// - `is_drawn`: a direction that light comes from is asked for
 /// - `draw`: random numbers that it is drawn by
 fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
-    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), 0.0);
-    var drawn = DrawnLight(draw.x, 0.0, 0.0, vec3f(0.0));
+    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), vec3f(0.0), 0.0);
+    var drawn = DrawnLight(draw.x, 0.0, NO_CELL, 0u);
     if octree.depth == 0u {
         return light;
     }
@@ -221,7 +251,7 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
             let direction = octahedral_decode(vdls[index].x);
             let scaled = max_component(vdl_irradiance(vdls[index].y));
             let cosine = softened(dot(n_shade, direction), reach);
-            offer(&drawn, scaled * cosine * weight, direction, light_sets[like.index].spread);
+            offer(&drawn, scaled * cosine * weight, like.index, index);
         }
         if first_caustic < end {
             let caustic_reach = light_sets[like.index].caustic_reach;
@@ -233,8 +263,13 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         light.caustic /= total;
         light.blur_m = blurs_m / total;
     }
-    if drawn.sum > 0.0 {
-        light.lit_from = around_light(drawn, draw.yz, n_facing);
+    if drawn.leaf_set != NO_CELL {
+        let reach = light_sets[drawn.leaf_set].reach;
+        let direction = octahedral_decode(vdls[drawn.index].x);
+        let one = max_component(vdl_irradiance(vdls[drawn.index].y)) * softened(dot(n_shade, direction), reach);
+        let per_chance = min(drawn.sum / one, PER_CHANCE_MAX) / total;
+        light.share = response(surface, wo_local, n_shade, drawn.index, drawn.index + 1u, reach) * per_chance;
+        light.lit_from = direction_of(drawn, n_facing, draw.yz);
         light.lost_m = min(octree.lost_blurs * light.blur_m, octree.lost_max_m);
     }
     return light;

@@ -1,4 +1,4 @@
-// Adds the light samples that nothing hides.
+// Adds the light samples that nothing hides, and the known light that nothing near hides.
 
 @compute @workgroup_size(WORKGROUP)
 fn occluded(@builtin(global_invocation_id) id: vec3u) {

@@ -65,10 +65,10 @@ fn advance(slot: u32) -> bool {
     // by one scattering less.
     let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
         && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
-    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), 0.0);
+    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0);
     var is_near = false;
     if is_asked {
-        let is_drawn = SHADOWS_KNOWN && pass_header.index >= BLURRED_SAMPLES && !is_beyond_near;
+        let is_drawn = SHADOWS_KNOWN && pass_header.index >= pass_header.shadowed_from && !is_beyond_near;
         var draw = vec3f(0.0);
         if is_drawn {
             draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
@@ -80,10 +80,13 @@ fn advance(slot: u32) -> bool {
     add_light_sample(slot, path, hit, surface, sampler, followed);
     if is_asked {
         path.lost_m = known.lost_m;
-        if path.lost_m > 0.0 {
-            add_known(slot, path, hit, surface, known);
-        } else if !is_near {
-            add_radiance(slot, INDIRECT, path.throughput * known.indirect);
+        if !is_near {
+            // As much of each colour as the light that may be hidden has of it, and no less than nothing.
+            let hidden = select(vec3f(0.0), min(known.indirect, known.share), known.lost_m > 0.0);
+            add_radiance(slot, INDIRECT, path.throughput * (known.indirect - hidden));
+            if known.lost_m > 0.0 {
+                add_unless_hidden(slot, path, hit, surface, known, hidden);
+            }
         }
         let class_of_caustic = class_after(class_after(path.class_so_far, false), true);
         add_radiance(slot, class_of_caustic, path.throughput * known.caustic);
@@ -94,14 +97,21 @@ fn advance(slot: u32) -> bool {
     return scatter(slot, &path, hit, surface, sampler, followed, passing);
 }
 
-/// What is known of the light, unless something near hides it.
-fn add_known(slot: u32, path: Path, hit: Hit, surface: Surface, known: ScatteredLight) {
+/// What something near may hide of the known light.
+fn add_unless_hidden(
+    slot: u32,
+    path: Path,
+    hit: Hit,
+    surface: Surface,
+    known: ScatteredLight,
+    hidden: vec3f,
+) {
     var shadow: Shadow;
     shadow.origin = origin_towards(surface.point, known.lit_from);
     shadow.direction = known.lit_from;
     shadow.t_max = known.lost_m;
     shadow.classes = INDIRECT | (INDIRECT << 8u);
-    shadow.diffuse = path.throughput * known.indirect;
+    shadow.diffuse = path.throughput * hidden;
     shadow.light_instance = NO_INDEX;
     shadow.glossy = vec3f(0.0);
     shadow.light_triangle = NO_INDEX;

@@ -17,7 +17,7 @@ struct PassHeader {
     height: u32,
     first_pixel: u32,
     path_count: u32,
-    /// Places in each queue.
+    /// Places in each queue; twice as many for shadow rays, where there may be two of a path.
     capacity: u32,
     /// Bit c: paths of class c are traced.
     traced: u32,
@@ -25,7 +25,8 @@ struct PassHeader {
     bounces_end: u32,
     /// Bit c: rays bring light of paths of class c.
     brought: u32,
-    padding_0: u32,
+    /// The first sample for which what lies near shadows known light.
+    shadowed_from: u32,
 }
 
 struct Path {

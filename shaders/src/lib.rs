@@ -45,7 +45,6 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("NEAR_BLURS", Constant::F32(2.0)),
     ("NEAR_MAX", Constant::U32(3)),
     ("SHADOWS_KNOWN", Constant::Bool(true)),
-    ("BLURRED_SAMPLES", Constant::U32(2)),
     ("FROM_DIMENSION", Constant::U32(1 << 14)),
     ("WORKGROUP", Constant::U32(64)),
     ("SMOOTH_ALPHA", Constant::F32(1e-3)),

@@ -2,57 +2,93 @@
 
 use glam::Vec3;
 
-use crate::math::Frame;
+use crate::math::{Frame, warp::cosine_hemisphere};
 
-/// Share of the photons' spread around a light that directions drawn of it have. All of it, normally distributed, reaches below
-/// the horizon and into other lights' directions: of 0 to 1, this leaves the least error.
-pub(super) const SPREAD_DRAWN: f32 = 0.42;
+/// Root mean square chord between the directions of even light and the lights that stand for it, times the root of how many they
+/// are: 0.89 for two to eight of k-means of 300 photons, a little less so that noise keeps even light even.
+pub(super) const CHORD_EVEN: f32 = 0.84;
+/// Directions that are tried for a light before its own is taken.
+pub(super) const TRIES: u32 = 16;
+/// Steps between them, of the plastic number: fractional parts are spread evenly over the square.
+const STEPS: [f32; 2] = [0.754_877_67, 0.569_840_3];
 
 /// One light of those around a surface, drawn by what it sends on.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct DrawnLight {
     /// Uniform still, whatever was drawn.
     choice: f32,
-    turn: [f32; 2],
+    /// Of all weights.
     sum: f32,
-    /// Its group; `None`: no light yet.
-    pub(super) place: Option<usize>,
-    direction: Vec3,
+    /// Group and place; `None`: no light yet.
+    drawn: Option<(usize, usize)>,
+}
+
+/// What was drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Drawn {
+    /// Its group.
+    pub(super) set: usize,
+    /// Its place among the group's lights.
+    pub(super) light: usize,
+    /// Of all weights.
+    pub(super) sum: f32,
 }
 
 impl DrawnLight {
-    pub(super) fn new([choice, u, v]: [f32; 3]) -> DrawnLight {
-        DrawnLight { choice, turn: [u, v], sum: 0.0, place: None, direction: Vec3::ZERO }
+    /// - `choice`: a random number
+    pub(super) fn new(choice: f32) -> DrawnLight {
+        DrawnLight { choice, sum: 0.0, drawn: None }
     }
 
-    /// - `weight`: what it sends on, in any unit
-    /// - `place`: its group
+    /// - `weight`: what light number `light` of `set` sends on, in any unit
     #[inline]
-    pub(super) fn offer(&mut self, weight: f32, place: usize, direction: Vec3) {
+    pub(super) fn offer(&mut self, weight: f32, set: usize, light: usize) {
         if !(weight > 0.0) {
             return;
         }
         self.sum += weight;
         let share = weight / self.sum;
-        if self.choice < share {
+        if self.drawn.is_none() || self.choice < share {
             self.choice /= share;
-            (self.place, self.direction) = (Some(place), direction);
+            self.drawn = Some((set, light));
         } else {
             self.choice = (self.choice - share) / (1.0 - share);
         }
     }
 
-    /// A direction around the light's, normally distributed to either side, above the horizon.
-    ///
-    /// - `chord_rms`: how far the light's photons come from around it: root mean square of unit vectors
-    pub(super) fn direction(&self, chord_rms: f32, n_facing: Vec3) -> Vec3 {
-        let [u, v] = self.turn;
-        let radius = SPREAD_DRAWN * chord_rms * (-(1.0 - u).ln()).sqrt();
-        let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
-        let frame = Frame::around(self.direction);
-        let direction = frame.to_world(Vec3::new(radius * cos, radius * sin, 1.0)).normalize();
-        let below = direction.dot(n_facing).min(0.0);
-        direction - 2.0 * below * n_facing
+    /// What was drawn, if there is any light.
+    pub(super) fn drawn(&self) -> Option<Drawn> {
+        self.drawn.map(|(set, light)| Drawn { set, light, sum: self.sum })
     }
+}
+
+/// A direction that photons of a light may have come from: one of those nearer to it than to the group's other lights, by the
+/// cosine with the surface, so that in even light all directions together are cosine-distributed and corners of a furnace stay
+/// even. Photons that lie closer around their lights than that draw it in towards the light: Sponza's nave is 8.7 % systematic
+/// with half the way, 9.7 % with none.
+///
+/// - `lights`: directions of the group's lights
+/// - `chosen`: which
+/// - `chord_rms`: from the photons to their lights, of unit vectors
+/// - `turn`: random numbers
+pub(super) fn direction_of(
+    lights: impl Iterator<Item = Vec3> + Clone,
+    chosen: Vec3,
+    chord_rms: f32,
+    n_facing: Vec3,
+    [u, v]: [f32; 2],
+) -> Vec3 {
+    let frame = Frame::around(n_facing);
+    let even = (0..TRIES).find_map(|number| {
+        let [step_u, step_v] = STEPS.map(|step| step * number as f32);
+        let direction = frame.to_world(cosine_hemisphere([(u + step_u).fract(), (v + step_v).fract()]));
+        let nearness = direction.dot(chosen);
+        lights.clone().all(|light| light.dot(direction) <= nearness).then_some(direction)
+    });
+    let share = (chord_rms / CHORD_EVEN).powi(2) * lights.count() as f32;
+    let direction = even.map_or(chosen, |even| chosen.lerp(even, share.min(1.0))).normalize_or(chosen);
+    let below = direction.dot(n_facing).min(0.0);
+    direction - 2.0 * below * n_facing
 }
 
 #[cfg(test)]
@@ -67,43 +103,65 @@ mod tests {
         let mut counts = [0u32; 7];
         let count = 1 << 14;
         for index in 0..count {
-            let [choice, u, v, _] = point(1, index);
-            let mut drawn = DrawnLight::new([choice, u, v]);
-            for (place, weight) in weights.into_iter().enumerate() {
-                drawn.offer(weight, place, Vec3::Y);
+            let [choice, ..] = point(1, index);
+            let mut drawing = DrawnLight::new(choice);
+            for (light, weight) in weights.into_iter().enumerate() {
+                drawing.offer(weight, 3, light);
             }
-            assert!((0.0..=1.0).contains(&drawn.choice));
-            counts[drawn.place.unwrap()] += 1;
+            let drawn = drawing.drawn().unwrap();
+            counts[drawn.light] += 1;
+            assert!(drawn.set == 3 && (drawn.sum / 16e-30 - 1.0).abs() < 1e-5, "{drawn:?}");
         }
         for (drawn, weight) in counts.into_iter().zip(weights) {
             let share = if weight > 0.0 { weight / 16e-30 } else { 0.0 };
             assert!((drawn as f32 / count as f32 - share).abs() < 0.002, "{drawn} for {share}");
         }
-        let mut nothing = DrawnLight::new([0.5; 3]);
-        nothing.offer(0.0, 3, Vec3::X);
-        assert_eq!(nothing.place, None);
+        let mut nothing = DrawnLight::new(0.5);
+        nothing.offer(0.0, 3, 0);
+        assert_eq!(nothing.drawn(), None);
     }
 
-    /// Directions lie around the light as far as its photons' share says, and never below the horizon.
+    const AROUND: [Vec3; 4] = [
+        Vec3::new(0.66, 0.0, 0.75),
+        Vec3::new(-0.66, 0.0, 0.75),
+        Vec3::new(0.0, 0.66, 0.75),
+        Vec3::new(0.0, -0.66, 0.75),
+    ];
+
+    fn drawn_of(lights: &[Vec3], chosen: usize, chord_rms: f32, n_facing: Vec3, index: u32) -> Vec3 {
+        let [_, u, v, _] = point(2, index);
+        let direction = direction_of(lights.iter().copied(), lights[chosen], chord_rms, n_facing, [u, v]);
+        assert!((direction.length() - 1.0).abs() < 1e-5 && direction.dot(n_facing) > -1e-6, "{direction}");
+        direction
+    }
+
+    /// Four lights of even light, each drawn by its share, are even light: three moments of the cosine's distribution.
+    #[test]
+    fn directions_of_even_light_are_even() {
+        let count = 1 << 14;
+        let (mut cos, mut squared, mut up) = (0.0, 0.0, Vec3::ZERO);
+        for index in 0..count {
+            let direction = drawn_of(&AROUND, index as usize % 4, 0.44, Vec3::Z, index / 4);
+            cos += direction.z / count as f32;
+            squared += direction.z * direction.z / count as f32;
+            up += direction / count as f32;
+        }
+        // Directions tried one after another keep off each other, which leaves 0.012.
+        assert!((cos - 2.0 / 3.0).abs() < 0.015 && (squared - 0.5).abs() < 0.015, "{cos} {squared}");
+        assert!(up.truncate().length() < 0.01, "{up}");
+    }
+
+    /// Narrow light stays narrow, and light below the horizon or out of reach still has a direction.
     #[test]
     fn directions_lie_around_their_light() {
-        let n = Vec3::new(0.6, 0.0, 0.8);
-        for (light, chord_rms) in [(n, 0.2f32), (Vec3::new(0.8, 0.0, -0.6), 0.5), (Vec3::Y, 0.0), (-n, 1.4)] {
-            let mut squared = 0.0;
-            for index in 0..4096 {
-                let [_, u, v, _] = point(2, index);
-                let mut drawn = DrawnLight::new([0.5, u, v]);
-                drawn.offer(1.0, 0, light);
-                let direction = drawn.direction(chord_rms, n);
-                assert!((direction.length() - 1.0).abs() < 1e-5 && direction.dot(n) > -1e-6, "{direction}");
-                squared += (direction - light).length_squared() / 4096.0;
-            }
-            let expected = SPREAD_DRAWN * chord_rms;
-            if light == n {
-                // Distances on the plane are bent onto the sphere.
-                assert!((squared.sqrt() / expected - 1.0).abs() < 0.02, "{} for {expected}", squared.sqrt());
-            } else if chord_rms == 0.0 {
-                assert!(squared < 1e-10, "{squared}");
+        for chosen in 0..4 {
+            for index in 0..256 {
+                let direction = drawn_of(&AROUND, chosen, 0.05, Vec3::Z, index);
+                assert!((direction - AROUND[chosen].normalize()).length() < 0.05, "{direction}");
+                let nearest = |light: &Vec3| direction.dot(*light) <= direction.dot(AROUND[chosen]) + 1e-6;
+                assert!(AROUND.iter().all(nearest));
+                drawn_of(&AROUND, chosen, 1.0, -Vec3::Z, index);
+                drawn_of(&[Vec3::X, Vec3::X], 1, 0.0, Vec3::X, index);
             }
         }
     }

@@ -30,7 +30,13 @@ use glam::{IVec3, Vec3};
 
 pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
 
-use self::{build::Building, cluster::Spread, drawing::DrawnLight, tree::Nodes, voxels::Voxels};
+use self::{
+    build::Building,
+    cluster::Spread,
+    drawing::{DrawnLight, direction_of},
+    tree::Nodes,
+    voxels::Voxels,
+};
 use super::{
     Bias, Card, Counts, Edit, LIKE_COS, LitFrom, PackedLight, PhotonProduct, Progress, ScatteredLight,
     SecondaryLight, Step, Surfaces, Technique,
@@ -159,7 +165,10 @@ impl ShadedVdl {
     fn of(vdl: &Vdl, n_set: Vec3, softness: Softness) -> ShadedVdl {
         // Photons are counted on surfaces that lean to either side of the group's normal.
         let cos = softness.cos(n_set.dot(vdl.direction)).max(GRAZING);
-        ShadedVdl { direction: vdl.direction, scaled: vdl.irradiance * (1.0 / cos) }
+        // As a card unpacks it: a light drawn of thirty by their weights would else often be another one there.
+        let scaled = Vdl { direction: vdl.direction, irradiance: vdl.irradiance * (1.0 / cos) };
+        let Vdl { direction, irradiance } = PackedVdl::pack(&scaled).unpack();
+        ShadedVdl { direction, scaled: irradiance }
     }
 }
 
@@ -286,6 +295,11 @@ impl LightOctree {
         LOST_BLURS * self.radius_max_m / RADIUS_MAX_EVEN
     }
 
+    /// Lights of indirect light as shading asks for them.
+    fn lights_of(&self, set: &LeafSet) -> &[ShadedVdl] {
+        &self.shaded[set.first_vdl[0] as usize..set.first_vdl[1] as usize]
+    }
+
     fn vdls_of(&self, set: &LeafSet, class: usize) -> &[Vdl] {
         let end = if class == 0 { set.first_vdl[1] } else { set.end_vdl };
         &self.vdls[set.first_vdl[class] as usize..end as usize]
@@ -387,7 +401,7 @@ impl SecondaryLight for LightOctree {
         let mut sums = [Rgb::BLACK; 2];
         let mut blur_m = 0.0;
         let mut is_known = false;
-        let mut drawn = draw.map(DrawnLight::new);
+        let mut drawn = draw.map(|[choice, ..]| DrawnLight::new(choice));
         self.around(surface.point.position, n_facing, |weight, set, place| {
             is_known = true;
             blur_m += self.gathers[place].radius_m[0] * weight;
@@ -397,32 +411,41 @@ impl SecondaryLight for LightOctree {
                 }
                 return;
             }
-            let [first, first_caustic] = set.first_vdl.map(|first| first as usize);
-            let vdls = &self.shaded[first..first_caustic];
+            let vdls = self.lights_of(set);
             sums[0] += shading.response(vdls, set.softness[0]) * weight;
             if let Some(drawn) = &mut drawn {
-                for vdl in vdls {
+                for (light, vdl) in vdls.iter().enumerate() {
                     let cos = set.softness[0].cos(n_shade.dot(vdl.direction));
-                    drawn.offer(vdl.scaled.max_component() * cos * weight, place, vdl.direction);
+                    drawn.offer(vdl.scaled.max_component() * cos * weight, place, light);
                 }
             }
-            if first_caustic < set.end_vdl as usize {
-                let caustic = &self.shaded[first_caustic..set.end_vdl as usize];
+            let caustic = &self.shaded[set.first_vdl[1] as usize..set.end_vdl as usize];
+            if !caustic.is_empty() {
                 sums[1] += shading.response(caustic, set.softness[1]) * weight;
             }
         });
         let blur_m = if is_known { blur_m } else { self.radius_max_m };
-        let from = drawn.and_then(|drawn| {
-            let place = drawn.place?;
-            let direction = drawn.direction(self.gathers[place].chord_rms[0], n_facing);
-            Some(LitFrom { direction, lost_m: self.lost_m(blur_m) })
+        let from = draw.zip(drawn.and_then(|drawn| drawn.drawn())).map(|([_, u, v], drawn)| {
+            let set = &self.sets[drawn.set];
+            let lights = self.lights_of(set);
+            let light = lights[drawn.light];
+            let chord_rms = self.gathers[drawn.set].chord_rms[0];
+            let directions = lights.iter().map(|vdl| vdl.direction);
+            let direction = direction_of(directions, light.direction, chord_rms, n_facing, [u, v]);
+            let cos = set.softness[0].cos(n_shade.dot(light.direction));
+            let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);
+            let share = shading.response(&[light], set.softness[0]) * per_chance;
+            LitFrom { direction, share, lost_m: self.lost_m(blur_m) }
         });
         ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from }
     }
 }
 
-/// What lies nearer than so many blurs is lost in them. Of 0.25 to 1, this leaves the least error.
+/// What lies nearer than so many blurs is lost in them. Sponza's nave is 8.4, 8.1 and 8.1 % systematic with 0.35, 0.5 and 0.7, its
+/// gallery 13.9, 12.9 and 12.2; but there is more noise the farther one looks.
 const LOST_BLURS: f32 = 0.5;
+/// Keeps what is drawn with next to no chance finite.
+const PER_CHANCE_MAX: f32 = 1e30;
 
 /// A surface and the eye.
 struct Shading<'a> {

@@ -1,6 +1,6 @@
 //! The octree packed for the GPU.
 
-use super::{LOST_BLURS, LightOctree, PackedVdl, Vdl, drawing::SPREAD_DRAWN};
+use super::{LOST_BLURS, LightOctree, PackedVdl, Vdl};
 use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
 
 impl LightOctree {
@@ -22,7 +22,7 @@ impl LightOctree {
             reach: set.softness[0].reach,
             caustic_reach: set.softness[1].reach,
             blur_m: gather.radius_m[0],
-            spread: SPREAD_DRAWN * gather.chord_rms[0],
+            chord_rms: gather.chord_rms[0],
             padding_0: 0,
         });
         let packed = self.shaded.iter().map(|vdl| {

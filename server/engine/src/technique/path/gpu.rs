@@ -72,7 +72,7 @@ pub(super) struct GpuPassHeader {
     traced: u32,
     bounces_end: u32,
     brought: u32,
-    padding_0: u32,
+    shadowed_from: u32,
 }
 
 /// `PixelSample` in WGSL.
@@ -224,6 +224,7 @@ impl GpuPathTracer {
             height: film.size().height(),
             traced: self.settings.traced.bits(),
             bounces_end: self.settings.bounces_max.unwrap_or(BOUNCES_END),
+            shadowed_from: self.settings.shadowed_from(),
             ..GpuPassHeader::zeroed()
         }
     }

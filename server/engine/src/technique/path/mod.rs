@@ -45,7 +45,7 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     transport::{PathClass, PathClasses, ShadowRay, World},
 };
-use cpu::{Near, Tracer, primary_ray};
+use cpu::{BLURRED_SAMPLES, Near, Tracer, primary_ray};
 
 /// Parameters of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +67,12 @@ impl PathSettings {
     /// All paths.
     pub fn all(bounces_max: Option<u32>, seed: u64) -> PathSettings {
         PathSettings { shown: PathClasses::ALL, traced: PathClasses::ALL, asks: false, bounces_max, seed }
+    }
+
+    /// The first sample of each half of a pixel's for which what lies near shadows known light. Never where scatterings are bounded:
+    /// what is known of what lies near has as many behind it as what is known of the surface that it lies near to, not one less.
+    fn shadowed_from(&self) -> u32 {
+        if self.bounces_max.is_some() { u32::MAX } else { BLURRED_SAMPLES }
     }
 
     /// Light seen directly and direct light; the rest is asked for.

@@ -365,7 +365,7 @@ impl SecondaryLight for EvenFrom {
             let local = crate::math::warp::cosine_hemisphere([u, v]);
             let wo_local = surface.frame.to_local(wo);
             let direction = surface.frame.to_world(local.with_z(local.z.copysign(wo_local.z)));
-            LitFrom { direction, lost_m: self.lost_m }
+            LitFrom { direction, share: self.even.scattered(surface, wo, None).indirect, lost_m: self.lost_m }
         });
         ScatteredLight { from, ..self.even.scattered(surface, wo, None) }
     }
@@ -397,6 +397,20 @@ fn mean_seen(
     (sums, counts.shadow_rays)
 }
 
+/// The octree of so many photons.
+fn known_by_octree(world: &Arc<World>, photon_count: u32) -> Arc<dyn SecondaryLight> {
+    let mut settings = IlluminationSettings::of(&RenderSettings::default());
+    settings.photons.emitted_count = photon_count;
+    settings.octree.photon_count = photon_count;
+    let mut light = Illumination::new(settings);
+    for _ in 0..10_000 {
+        if light.step(world, &AtomicBool::new(false)) {
+            break;
+        }
+    }
+    light.known().unwrap().clone()
+}
+
 /// In a furnace, what shadows known light sends on as much, wherever the blur ends: in the corners everything is near, in the
 /// middle of walls next to nothing.
 #[test]
@@ -419,6 +433,46 @@ fn shadows_of_known_light_lose_nothing() {
     let secondary = EvenFrom { even: EvenSecondary { irradiance, blur_m: 1.0 }, lost_m: 100.0 };
     let blurred = mean_seen(&world, &secondary, Near::Blurred, 0..2, all_around);
     assert_eq!(mean_seen(&world, &secondary, Near::Shadowed, 0..2, all_around), blurred);
+}
+
+/// Light known by an octree keeps a furnace even where walls shadow each other, to what corners are allowed: the directions drawn
+/// of its lights are those that even light comes from.
+#[test]
+fn corners_of_a_furnace_stay_even_with_shadows() {
+    let (albedo, emission) = (0.8f32, 0.2f32);
+    let world = Arc::new(World::prepare(Arc::new(samples::furnace(albedo, emission).unwrap())));
+    let known = known_by_octree(&world, 200_000);
+    let expected = f64::from(emission / (1.0 - albedo));
+    for (name, x, z) in [("edge", 0.5, 0.015), ("corner", 0.015, 0.015), ("wall", 0.5, 0.4)] {
+        // Spread over what is nearer to the edges than the blur.
+        let downwards = |[u, v, ..]: [f32; 4]| {
+            let at = Vec3::new(x * (0.3 + 1.4 * u), 0.5, z * (0.1 + 1.8 * v));
+            Ray::new(2.0 * at - 1.0, Vec3::NEG_Y)
+        };
+        let seen = |near| mean_seen(&world, known.as_ref(), near, 2..40_002, downwards);
+        let ((sums, count), (blurred, blurred_count)) = (seen(Near::Shadowed), seen(Near::Blurred));
+        let [mean, blurred] = [sums, blurred].map(|sums| sums.iter().sum::<f64>() / expected);
+        eprintln!("{name}: {blurred:.4} blurred, {mean:.4} with shadows");
+        assert!(count > blurred_count + 30_000, "{count} {blurred_count}");
+        assert!((mean - 1.0).abs() < if name == "wall" { 0.01 } else { 0.03 }, "{name}: {mean}");
+    }
+}
+
+/// Bounded scatterings are as many with what lies near as without.
+#[test]
+fn bounds_hold_near_other_surfaces() {
+    let world = World::prepare(Arc::new(samples::furnace(0.6, 0.5).unwrap()));
+    let even = EvenSecondary { irradiance: Rgb::WHITE, blur_m: 1.0 };
+    let secondary = EvenFrom { even, lost_m: 100.0 };
+    let settings = PathSettings::all(Some(3), 3).asking();
+    let sample = |near| {
+        let secondary: Option<&dyn SecondaryLight> = Some(&secondary);
+        let tracer = Tracer { world: &world, view: None, settings, secondary, caustics: None, near };
+        let ray = Ray::new(Vec3::ZERO, Vec3::new(0.6, -0.8, 0.0));
+        let sampler = PixelSampler::new(6, 0, 0, 9);
+        tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default())
+    };
+    assert_eq!(sample(Near::Shadowed), sample(Near::Blurred));
 }
 
 /// A groove between two fins, far narrower than photons are apart, is as dark as paths say.
@@ -447,20 +501,11 @@ fn grooves_narrower_than_the_blur_are_dark() {
     }
     place("lamp", [-1.5, 1.0, -1.5], [-1.3, 1.2, -1.3], &lamp);
     let world = Arc::new(World::prepare(Arc::new(stage.finish())));
-    let mut settings = IlluminationSettings::of(&RenderSettings::default());
-    settings.photons.emitted_count = 60_000;
-    settings.octree.photon_count = 60_000;
-    let mut light = Illumination::new(settings);
-    for _ in 0..10_000 {
-        if light.step(&world, &AtomicBool::new(false)) {
-            break;
-        }
-    }
-    let known = light.known().unwrap().as_ref();
+    let known = known_by_octree(&world, 60_000);
     // Down to the bottom of the groove, away from its ends.
     let downwards =
         |[u, v, ..]: [f32; 4]| Ray::new(Vec3::new(0.03 * (u - 0.5), 0.5, 0.6 * (v - 0.5)), Vec3::NEG_Y);
-    let indirect = |near| mean_seen(&world, known, near, 2..30_002, downwards).0[3];
+    let indirect = |near| mean_seen(&world, known.as_ref(), near, 2..30_002, downwards).0[3];
     let whole = PathTracer::new(PathSettings::all(None, 0));
     let tracer = Tracer {
         world: &world,

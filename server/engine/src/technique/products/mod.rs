@@ -46,11 +46,13 @@ pub struct ScatteredLight {
     pub from: Option<LitFrom>,
 }
 
-/// A direction that indirect light comes from, drawn in proportion to what the diffuse lobe sends on of it.
+/// A direction that indirect light comes from, drawn about in proportion to what the diffuse lobe sends on of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LitFrom {
     /// A unit vector.
     pub direction: Vec3,
+    /// What the lobe sends on of the light that was drawn, over its chance: on average all of [`ScatteredLight::indirect`].
+    pub share: Rgb,
     /// What lies nearer is lost in the blur, m: it may hide this light, and send on other light in its place.
     pub lost_m: f32,
 }

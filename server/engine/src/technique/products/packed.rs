@@ -52,8 +52,8 @@ pub struct GpuLightSet {
     pub caustic_reach: f32,
     /// How far indirect light is blurred, m.
     pub blur_m: f32,
-    /// How far directions drawn of a light of indirect light lie from its own: root mean square of unit vectors.
-    pub spread: f32,
+    /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
+    pub chord_rms: f32,
     /// Nothing.
     pub padding_0: u32,
 }

@@ -14,9 +14,7 @@ use crate::{
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
         GpuOctreeHeader, LIKE_COS, PackedLight, SecondaryLight,
-        path::cpu::{
-            BLURRED_SAMPLES, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX,
-        },
+        path::cpu::{FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
@@ -90,7 +88,6 @@ impl GpuWorld {
         constants.push(("NEAR_BLURS", Constant::F32(NEAR_BLURS)));
         constants.push(("NEAR_MAX", Constant::U32(NEAR_MAX)));
         constants.push(("SHADOWS_KNOWN", Constant::Bool(asks && from == PathStart::Pixels)));
-        constants.push(("BLURRED_SAMPLES", Constant::U32(BLURRED_SAMPLES)));
         constants.push(("FROM_DIMENSION", Constant::U32(FROM_DIMENSION)));
         constants
     }

@@ -28,7 +28,7 @@ use crate::{
     },
     technique::{
         Products,
-        path::{Near, Tracer, closed_forms::SQUARE, primary_ray},
+        path::{BLURRED_SAMPLES, Near, Tracer, closed_forms::SQUARE, primary_ray},
     },
     transport::World,
 };
@@ -91,6 +91,10 @@ struct Pass {
 
 impl Shot {
     fn on_cpu(&self, pass: u32) -> Pass {
+        self.on_cpu_as(pass, Near::Shadowed)
+    }
+
+    fn on_cpu_as(&self, pass: u32, near: Near) -> Pass {
         let view = View::new(&self.world, &self.camera, self.size);
         let tracer = Tracer {
             world: &self.world,
@@ -98,7 +102,7 @@ impl Shot {
             settings: self.settings,
             secondary: self.known.as_deref(),
             caustics: None,
-            near: Near::Shadowed,
+            near,
         };
         let width = self.size.width();
         let (samples, counts): (Vec<_>, Vec<_>) = (0..self.size.pixel_count() as u32)

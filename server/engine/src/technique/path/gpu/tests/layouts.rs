@@ -150,7 +150,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             reach,
             caustic_reach,
             blur_m,
-            spread,
+            chord_rms,
             padding_0,
         }
     );
@@ -182,7 +182,7 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             traced,
             bounces_end,
             brought,
-            padding_0,
+            shadowed_from,
         }
     );
     assert_same_layout!(
