@@ -151,8 +151,8 @@ fn doubt_of_an_error_is_settled_by_measuring() {
     let world = Arc::new(world_of(samples::boxes().unwrap()));
     let view = world.scene().camera_view(None).unwrap();
     let size = PictureSize::new(48, 32).unwrap();
-    // Its records cannot do better than 0.009 (against 60,000 samples of path tracing).
-    const TARGET: f64 = 0.012;
+    // Its records cannot do better than 0.0098 (against 60,000 samples of path tracing).
+    const TARGET: f64 = 0.015;
     let draw = |target: Option<f64>, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let (indirect, learning) = (Indirect::Irradiance, Learning::InStep);
@@ -174,6 +174,7 @@ fn doubt_of_an_error_is_settled_by_measuring() {
         })
     };
     let (aimed, blind) = (draw(Some(TARGET), 1), draw(None, 1));
+    eprintln!("{} samples for {}", aimed.0, blind.0);
     assert!(2 * aimed.0 < blind.0, "{} samples for {}", aimed.0, blind.0);
     assert!(aimed.1.all_rays() < blind.1.all_rays());
     assert_eq!(draw(Some(TARGET), 3), aimed);
