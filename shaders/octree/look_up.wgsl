@@ -48,7 +48,7 @@ const CELL_IS_LEAF: u32 = 0x80000000u;
 /// `octree/drawing.rs`.
 const CHORD_EVEN: f32 = 0.84;
 const DRAW_TRIES: u32 = 16u;
-const DRAW_STEPS: vec2f = vec2f(0.75487767, 0.5698403);
+const DRAW_STEPS: vec2f = vec2f(0.7548777, 0.5698403);
 const PER_CHANCE_MAX: f32 = 1e30;
 
 struct ScatteredLight {

@@ -26,8 +26,9 @@ use crate::{
     subject::Subject,
 };
 
-/// Passes before any counts: the card finds out how much of a picture it takes at a time, doubling it from slice to slice.
-const WARM_UP_PASSES: usize = 2;
+/// Passes before any counts: the card finds out how much of a picture it takes at a time, doubling it from slice to slice, and the
+/// first four passes of looked-up light have no shadows of what lies near.
+const WARM_UP_PASSES: usize = 4;
 
 /// What a pass takes.
 struct Pass {

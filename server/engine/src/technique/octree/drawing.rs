@@ -10,7 +10,7 @@ pub(super) const CHORD_EVEN: f32 = 0.84;
 /// Directions that are tried for a light before its own is taken.
 pub(super) const TRIES: u32 = 16;
 /// Steps between them, of the plastic number: fractional parts are spread evenly over the square.
-const STEPS: [f32; 2] = [0.754_877_67, 0.569_840_3];
+const STEPS: [f32; 2] = [0.754_877_7, 0.569_840_3];
 
 /// One light of those around a surface, drawn by what it sends on.
 #[derive(Clone, Copy, Debug)]
@@ -154,11 +154,11 @@ mod tests {
     /// Narrow light stays narrow, and light below the horizon or out of reach still has a direction.
     #[test]
     fn directions_lie_around_their_light() {
-        for chosen in 0..4 {
+        for (chosen, light) in AROUND.into_iter().enumerate() {
             for index in 0..256 {
                 let direction = drawn_of(&AROUND, chosen, 0.05, Vec3::Z, index);
-                assert!((direction - AROUND[chosen].normalize()).length() < 0.05, "{direction}");
-                let nearest = |light: &Vec3| direction.dot(*light) <= direction.dot(AROUND[chosen]) + 1e-6;
+                assert!((direction - light.normalize()).length() < 0.05, "{direction}");
+                let nearest = |other: &Vec3| direction.dot(*other) <= direction.dot(light) + 1e-6;
                 assert!(AROUND.iter().all(nearest));
                 drawn_of(&AROUND, chosen, 1.0, -Vec3::Z, index);
                 drawn_of(&[Vec3::X, Vec3::X], 1, 0.0, Vec3::X, index);

@@ -5,9 +5,11 @@
 //! (`build.rs`, `cluster.rs`). A look-up blends the eight cells around a point, of each only the group that faces like the
 //! surface and whose plane is nearest, renormalised over those that have one [Vivanloc2007]; groups off the surface's plane
 //! count less. Normal maps bend the answer: every light is weighed by its cosine with the shading normal over that with the
-//! group's, both softened by how far the light's photons spread.
+//! group's, both softened by how far the light's photons spread. A direction can be drawn of the lights there (`drawing.rs`), so
+//! that whoever asks can see what lies too near to show in the blur.
 //!
-//! **Biased**: light is blurred over the gather and over a cell; consistent as photons and depth grow. Shows coarse cells
+//! **Biased**: light is blurred over the gather and over a cell, and what hides a light near by is taken to hide all of it;
+//! consistent as photons and depth grow. Shows coarse cells
 //! first; after an edit only cells are built again whose photons or surfaces changed, which leaves exactly what a fresh
 //! build would.
 

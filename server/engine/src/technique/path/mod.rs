@@ -8,8 +8,10 @@
 //! price that a thin sheet with badly bent normals may let light through.
 //! Paths end by Russian roulette once their throughput is small; nothing is clamped.
 //!
-//! With a [`SecondaryLight`] it samples light seen directly and direct light alone and asks that for the rest; the same tracer
-//! answers for the rays that others gather light along ([`ArrivingLight`]).
+//! With a [`SecondaryLight`] it samples light seen directly and direct light alone and asks that for the rest. Some samples on,
+//! what lies so near that it is lost in the blur shadows what that knows, and is asked in turn for what it sends there instead
+//! (the far field known, the near one traced [Arikan2005]). The same tracer answers for the rays that others gather light along
+//! ([`ArrivingLight`]).
 //!
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
 //! for any eye path), as in every path tracer. The caustics room brings it, where [`super::Products::caustics`] holds that

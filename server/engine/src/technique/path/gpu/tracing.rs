@@ -1,7 +1,7 @@
 //! Paths on a card: places for those of a slice, the steps they go through, and how a slice is traced.
 //!
 //! Paths begin at pixels, or with rays that light is gathered along. Both go through the same steps; what differs is how they
-//! begin, what they bring, and that the latter look past what is near.
+//! begin, what they bring, and that the former see shadows of what is near and the latter look past it.
 
 use std::{sync::Arc, time::Instant};
 
