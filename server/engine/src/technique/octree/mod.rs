@@ -443,8 +443,8 @@ impl SecondaryLight for LightOctree {
     }
 }
 
-/// What lies nearer than so many blurs is lost in them. Sponza's nave is 8.4, 8.1 and 8.1 % systematic with 0.35, 0.5 and 0.7, its
-/// gallery 13.9, 12.9 and 12.2; but there is more noise the farther one looks.
+/// What lies nearer than so many blurs is lost in them. With directions close around their lights, Sponza's nave was 8.4, 8.1 and
+/// 8.1 % systematic with 0.35, 0.5 and 0.7, its gallery 13.9, 12.9 and 12.2; but there is more noise the farther one looks.
 const LOST_BLURS: f32 = 0.5;
 /// Keeps what is drawn with next to no chance finite.
 const PER_CHANCE_MAX: f32 = 1e30;
