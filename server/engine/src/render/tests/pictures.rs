@@ -151,7 +151,7 @@ fn doubt_of_an_error_is_settled_by_measuring() {
     let world = Arc::new(world_of(samples::boxes().unwrap()));
     let view = world.scene().camera_view(None).unwrap();
     let size = PictureSize::new(48, 32).unwrap();
-    // Its records cannot do better than 0.0098 (against 60,000 samples of path tracing).
+    // Its records cannot do better than 0.0098 (against 40,000 samples of path tracing).
     const TARGET: f64 = 0.015;
     let draw = |target: Option<f64>, threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

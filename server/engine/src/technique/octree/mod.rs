@@ -9,9 +9,8 @@
 //! that whoever asks can see what lies too near to show in the blur.
 //!
 //! **Biased**: light is blurred over the gather and over a cell, and what hides a light near by is taken to hide all of it;
-//! consistent as photons and depth grow. Shows coarse cells
-//! first; after an edit only cells are built again whose photons or surfaces changed, which leaves exactly what a fresh
-//! build would.
+//! consistent as photons and depth grow. Shows coarse cells first; after an edit only cells are built again whose photons or
+//! surfaces changed, which leaves exactly what a fresh build would.
 
 mod build;
 mod cluster;
@@ -292,7 +291,7 @@ impl LightOctree {
         (LOST_BLURS * blur_m).min(self.lost_max_m())
     }
 
-    /// In half the radius at which the fewest photons of a gather lie in even light.
+    /// [`LightOctree::lost_m`] at most: half the radius at which the fewest photons of a gather lie in even light, m.
     fn lost_max_m(&self) -> f32 {
         LOST_BLURS * self.radius_max_m / RADIUS_MAX_EVEN
     }
