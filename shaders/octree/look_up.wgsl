@@ -16,7 +16,8 @@ struct OctreeHeader {
     /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
     lost_blurs: f32,
     lost_max_m: f32,
-    padding_0: u32,
+    /// First word of the planes that part groups from others.
+    parting_at: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -33,11 +34,12 @@ struct LightSet {
     blur_m: f32,
     /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
     chord_rms: f32,
-    padding_0: u32,
+    /// What stands near: 0 nothing, 1 something, 2 + n the walls number n, with other light behind.
+    nearby: u32,
 }
 
 @group(3) @binding(0) var<uniform> octree: OctreeHeader;
-/// Eight words a node, then the first group of each cell and the end.
+/// Eight words a node, then the first group of each cell and the end, then eight words of floats for the walls of a group.
 @group(3) @binding(1) var<storage, read> octree_words: array<u32>;
 @group(3) @binding(2) var<storage, read> light_sets: array<LightSet>;
 /// Direction and what the light brings over its softened cosine with its group, as `octree/pack.rs` packs them.
@@ -45,6 +47,10 @@ struct LightSet {
 
 const NO_CELL: u32 = 0xffffffffu;
 const CELL_IS_LEAF: u32 = 0x80000000u;
+const NOTHING_NEAR: u32 = 0u;
+const WALLS_NEAR: u32 = 2u;
+/// `octree/mod.rs`.
+const BEHIND_SHARE: f32 = 1e-3;
 /// `octree/drawing.rs`.
 const CHORD_EVEN: f32 = 0.84;
 const DRAW_TRIES: u32 = 16u;
@@ -128,6 +134,23 @@ fn set_like(leaf: u32, p: vec3f, n: vec3f) -> LikeSet {
     return best;
 }
 
+/// Next to nothing for a group whose light is kept off `p` by a wall.
+fn share_of_this_side(leaf_set: u32, p: vec3f) -> f32 {
+    let nearby = light_sets[leaf_set].nearby;
+    if nearby < WALLS_NEAR {
+        return 1.0;
+    }
+    let first = octree.parting_at + 8u * (nearby - WALLS_NEAR);
+    for (var at = first; at < first + 8u; at += 4u) {
+        let words = vec4u(octree_words[at], octree_words[at + 1u], octree_words[at + 2u], octree_words[at + 3u]);
+        let plane = bitcast<vec4f>(words);
+        if dot(plane.xyz, p) > plane.w {
+            return BEHIND_SHARE;
+        }
+    }
+    return 1.0;
+}
+
 /// What the diffuse lobe sends to the eye of the lights `first..end`.
 fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: u32, reach: f32) -> vec3f {
     var sum = vec3f(0.0);
@@ -204,7 +227,7 @@ fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
     return direction - 2.0 * min(dot(direction, n_facing), 0.0) * n_facing;
 }
 
-/// - `is_drawn`: a direction that light comes from is asked for
+/// - `is_drawn`: a direction that light comes from is asked for, where anything is near
 /// - `draw`: random numbers that it is drawn by
 fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
     var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), vec3f(0.0), 0.0);
@@ -223,6 +246,10 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
     let fraction = place - base;
     var total = 0.0;
     var blurs_m = 0.0;
+    var is_alone = true;
+    var found: array<u32, 8>;
+    var weights: array<f32, 8>;
+    var count = 0u;
     for (var corner = 0; corner < 8; corner++) {
         let offset = vec3i(corner & 1, (corner >> 1u) & 1, corner >> 2u);
         let share = select(1.0 - fraction, fraction, offset == vec3i(1));
@@ -239,7 +266,7 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         if like.index == NO_CELL {
             continue;
         }
-        weight *= like.share;
+        weight *= like.share * share_of_this_side(like.index, p);
         total += weight;
         blurs_m += light_sets[like.index].blur_m * weight;
         let first = light_sets[like.index].first_vdl;
@@ -247,12 +274,10 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         let end = light_sets[like.index].end_vdl;
         let reach = light_sets[like.index].reach;
         light.indirect += response(surface, wo_local, n_shade, first, first_caustic, reach) * weight;
-        for (var index = first; is_drawn && index < first_caustic; index++) {
-            let direction = octahedral_decode(vdls[index].x);
-            let scaled = max_component(vdl_irradiance(vdls[index].y));
-            let cosine = softened(dot(n_shade, direction), reach);
-            offer(&drawn, scaled * cosine * weight, like.index, index);
-        }
+        is_alone = is_alone && light_sets[like.index].nearby == NOTHING_NEAR;
+        found[count] = like.index;
+        weights[count] = weight;
+        count += 1u;
         if first_caustic < end {
             let caustic_reach = light_sets[like.index].caustic_reach;
             light.caustic += response(surface, wo_local, n_shade, first_caustic, end, caustic_reach) * weight;
@@ -262,6 +287,18 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         light.indirect /= total;
         light.caustic /= total;
         light.blur_m = blurs_m / total;
+    }
+    if !is_drawn || is_alone {
+        return light;
+    }
+    for (var place = 0u; place < count; place++) {
+        let reach = light_sets[found[place]].reach;
+        for (var index = light_sets[found[place]].first_vdl; index < light_sets[found[place]].first_caustic_vdl; index++) {
+            let direction = octahedral_decode(vdls[index].x);
+            let scaled = max_component(vdl_irradiance(vdls[index].y));
+            let cosine = softened(dot(n_shade, direction), reach);
+            offer(&drawn, scaled * cosine * weights[place], found[place], index);
+        }
     }
     if drawn.leaf_set != NO_CELL {
         let reach = light_sets[drawn.leaf_set].reach;

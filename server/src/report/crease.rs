@@ -8,7 +8,7 @@ use lumicast_engine::{
     math::Rgb,
     technique::{
         Bias, Card, Gather, GatherBounds, MAPPED, PhotonProduct, ScatteredLight, SecondaryLight, Surfaces,
-        TriangleSide,
+        TriangleSide, Walls,
     },
     transport::{PathClass, Surface, World},
 };
@@ -141,6 +141,7 @@ impl Estimate for Product {
             count_max: NEIGHBOUR_COUNT,
             radius_max_m: self.radius_max_m,
             count_narrow: NEIGHBOUR_COUNT,
+            walls: Walls::default(),
         };
         let mut gather = Gather::default();
         MAPPED.map(|class| {

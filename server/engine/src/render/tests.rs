@@ -20,7 +20,7 @@ use crate::{
     },
     technique::{
         Edit, Products, Step, Technique,
-        octree::{OctreeBuilding, OctreeSettings},
+        octree::{LightOctree, OctreeBuilding, OctreeSettings},
         photons::{PhotonSettings, PhotonTracing},
     },
     transport::{PathClass, World},
@@ -129,6 +129,42 @@ fn the_octree_of_a_furnace_is_even() {
             inner.iter().chain(&border).chain(&corners).fold(0.0f32, |worst, off| worst.max(off.abs()));
         assert!(worst < 0.3, "ρ {albedo}: {worst}");
         assert!(off[0].abs() < 0.01 && off[1].abs() < 0.03 && off[2].abs() < 0.03, "ρ {albedo}: {off:?}");
+    }
+}
+
+/// Light of a bright room does not get under the wall into a dark one that shares its floor, walls and ceiling, however coarse the
+/// cells: what a hundredth of the light is known by there is what it is alone, and the bright room loses nothing.
+#[test]
+fn the_octree_of_a_dark_room_is_dark_up_to_the_wall() {
+    let known = |emission: [f32; 2], depth: u32| {
+        let world = world_of(samples::parted_rooms(emission).unwrap());
+        Caches::complete(settings(60_000, depth), &world).octree.octree().unwrap().clone()
+    };
+    let world = world_of(samples::parted_rooms([1.0; 2]).unwrap());
+    for depth in [3, 4, 5, 6] {
+        let both = known([300.0, 3.0], depth);
+        let alone = [known([300.0, 0.0], depth), known([0.0, 3.0], depth)];
+        let mut ratios = [Vec::new(), Vec::new()];
+        for i in 0..200u64 {
+            let [u, v, w, _] = sobol::point(5, i as u32);
+            // Up to one centimetre from the wall's faces.
+            let x = 0.02 + 0.4 * u * u;
+            let v = f64::from(v);
+            let (along, n) = match (w * 3.0) as u32 {
+                0 => (DVec3::new(0.0, 0.0, 1.8 * v - 0.9), Vec3::Y),
+                1 => (DVec3::new(0.0, 0.1 + 1.8 * v, -1.0), Vec3::Z),
+                _ => (DVec3::new(0.0, 2.0, 1.8 * v - 0.9), -Vec3::Y),
+            };
+            for (side, sign) in [-1.0, 1.0].into_iter().enumerate() {
+                let p = world.accel().to_render(along) + Vec3::X * (sign * x);
+                let of = |octree: &LightOctree| octree.irradiance(p, n)[0].mean();
+                ratios[side].push(of(&both) / of(&alone[side]));
+            }
+        }
+        let mean = |ratios: &[f32]| ratios.iter().sum::<f32>() / ratios.len() as f32;
+        let [bright, dark] = [mean(&ratios[0]), mean(&ratios[1])];
+        eprintln!("depth {depth}: {bright:.3} {dark:.3}");
+        assert!((bright - 1.0).abs() < 0.1 && (dark - 1.0).abs() < 0.3, "depth {depth}: {bright} {dark}");
     }
 }
 

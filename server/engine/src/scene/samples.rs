@@ -235,6 +235,26 @@ pub fn boxes() -> Result<Scene, SceneError> {
     Ok(stage.finish())
 }
 
+/// Two white rooms of 2 × 2 × 2 m on one floor, between the same walls and under one ceiling, parted at x = 0 by a wall 2 cm thin;
+/// each has a square lamp under the ceiling. Light of the one must not get into the other.
+///
+/// - `emission`: of the lamps at x < 0 and at x > 0, W/(m² sr)
+pub fn parted_rooms(emission: [f32; 2]) -> Result<Scene, SceneError> {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.6)))?;
+    let v = DVec3::new;
+    stage.place("rooms", cuboid(v(-2., 0., -1.), v(2., 2., 1.), &white), DAffine3::IDENTITY)?;
+    stage.place("wall", cuboid(v(-0.01, 0., -1.), v(0.01, 2., 1.), &white), DAffine3::IDENTITY)?;
+    for (name, emission, x) in [("left lamp", emission[0], -1.0), ("right lamp", emission[1], 1.0)] {
+        let lamp = stage.material(name, Material::emitter(Rgb::splat(emission)))?;
+        let corners = [v(-0.3, 0., -0.3), v(0.3, 0., -0.3), v(0.3, 0., 0.3), v(-0.3, 0., 0.3)];
+        stage.place(name, quad(corners, &lamp), DAffine3::from_translation(v(x, 1.99, 0.0)))?;
+    }
+    let main = CameraView::look_at(v(1.8, 1.2, 0.3), v(0.0, 0.6, -0.1), DVec3::Y, 70f64.to_radians());
+    stage.camera("main", main, 4.0 / 3.0)?;
+    Ok(stage.finish())
+}
+
 /// A closed box whose every face emits `emission` and reflects `albedo`: the radiance everywhere inside is
 /// exactly emission / (1 − albedo) [techniques.md, numerical laws].
 pub fn furnace(albedo: f32, emission: f32) -> Result<Scene, SceneError> {

@@ -6,21 +6,27 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS, ShadedVdl,
-    Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, Nearby, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
+    ShadedVdl, Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
+    parting::{Parting, parted},
     tree::Nodes,
     voxels::{Cube, Expected, VoxelSet, Voxels},
 };
 use crate::{
     math::sobol::mix,
-    technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId},
-    transport::World,
+    technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId, WallSearch, Walls},
+    transport::{PathClass, World},
 };
 
 /// Cells built in one step: some 20 ms on two threads.
 const STEP_CELLS: usize = 1024;
+
+/// What stands up less from a surface is no wall, in sides of a cell.
+const LIFT_CELLS: f32 = 0.25;
+/// Walls are looked for at least so far, in sides of a cell: from the middle of a cell to its corners, and half a blur on.
+const LOOK_CELLS: f32 = 1.5;
 
 /// The light of one group of a cell.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,6 +41,25 @@ struct SetLight {
     reach_m: [f32; 2],
     /// By class.
     spread: [Spread; 2],
+    /// Nothing stands near.
+    is_alone: bool,
+    /// The nearest walls around it.
+    walls: Option<Parting>,
+}
+
+impl SetLight {
+    /// No photon lies within the farthest reach: the same whether there are others farther away or none.
+    fn dark(radius_max_m: f32) -> SetLight {
+        SetLight { radius_m: [radius_max_m; 2], reach_m: [radius_max_m; 2], ..SetLight::default() }
+    }
+
+    /// Luminance of its indirect irradiance, W/m².
+    fn irradiance(&self, normal: Vec3) -> f32 {
+        match &self.harmonics {
+            Some([indirect, _]) => indirect.irradiance(normal).luminance(),
+            None => self.vdls[0].iter().map(|vdl| vdl.irradiance.luminance()).sum(),
+        }
+    }
 }
 
 /// An octree in the making.
@@ -75,6 +100,17 @@ struct Reused {
     /// For every side of its surfaces, the same side now.
     sides: Vec<Option<SideId>>,
     changed: Changed,
+    /// Boxes around what came, went or moved, which may be or have been a wall; render space.
+    moved: Vec<[Vec3; 2]>,
+}
+
+impl Reused {
+    /// Something came or went that near.
+    fn is_moved_within(&self, radius_m: f32, middle: Vec3) -> bool {
+        self.moved.iter().any(|[low, high]| {
+            middle.distance_squared(middle.clamp(*low, *high)) <= radius_m * radius_m * (1.0 + 1e-5)
+        })
+    }
 }
 
 /// Where photons came or went, for asking how near.
@@ -145,6 +181,7 @@ impl Building {
                 octree: octree.clone(),
                 sides: octree.photons.maps.surfaces().sides_in(surfaces),
                 changed: Changed::of(changed),
+                moved: voxels.moved_since(&octree.voxels, world.accel()),
             });
         let light = Vec::with_capacity(voxels.sets.len());
         Some(Building {
@@ -170,12 +207,12 @@ impl Building {
     }
 
     /// Builds some more cells; true when all are built.
-    pub(super) fn advance(&mut self) -> bool {
+    pub(super) fn advance(&mut self, world: &World) -> bool {
         let end = (self.next_cell + STEP_CELLS).min(self.voxels.codes.len());
         let this = &*self;
         let built: Vec<(Vec<SetLight>, BuildCounts)> = (self.next_cell..end)
             .into_par_iter()
-            .map_init(Workbench::default, |bench, cell| this.light_of_cell(cell, bench))
+            .map_init(Workbench::default, |bench, cell| this.light_of_cell(world, cell, bench))
             .collect();
         for (light, counts) in built {
             self.light.extend(light);
@@ -189,7 +226,12 @@ impl Building {
         end == self.voxels.codes.len()
     }
 
-    fn light_of_cell(&self, cell: usize, bench: &mut Workbench) -> (Vec<SetLight>, BuildCounts) {
+    fn light_of_cell(
+        &self,
+        world: &World,
+        cell: usize,
+        bench: &mut Workbench,
+    ) -> (Vec<SetLight>, BuildCounts) {
         let mut counts = BuildCounts::default();
         let sets = self.voxels.sets_of(cell);
         if let Some(kept) = self.kept_of_cell(cell, sets) {
@@ -201,7 +243,7 @@ impl Building {
             .zip(sets)
             .map(|(place, set)| {
                 counts.gathered += 1;
-                self.light_of_set(set, mix(u64::from(code) << 8 | place), bench, &mut counts)
+                self.light_of_set(world, set, mix(u64::from(code) << 8 | place), bench, &mut counts)
             })
             .collect();
         (light, counts)
@@ -225,6 +267,7 @@ impl Building {
             let light = &octree.gathers[first + place];
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && same_sides(old, new)
+                && !reused.is_moved_within(self.look_m(), new.centre)
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
                     reused.changed.is_within(class, sides, light.reach_m[class], new.centre)
@@ -240,11 +283,19 @@ impl Building {
 
     fn light_of_set(
         &self,
+        world: &World,
         set: &VoxelSet,
         key: u64,
         bench: &mut Workbench,
         counts: &mut BuildCounts,
     ) -> SetLight {
+        let sides = self.voxels.sides_of(set);
+        if !self.photons.maps.has_any(sides) {
+            return SetLight::dark(self.radius_max_m);
+        }
+        let start = Instant::now();
+        let around = Walls::around(world.accel(), &self.search_around(set, key));
+        counts.gather_seconds += start.elapsed().as_secs_f64();
         let bounds = GatherBounds {
             centre: set.centre,
             normal: set.normal,
@@ -253,15 +304,22 @@ impl Building {
             count_max: self.settings.neighbours_max,
             radius_max_m: self.radius_max_m,
             count_narrow: self.settings.neighbours_narrow,
+            walls: around.walls,
         };
-        let sides = self.voxels.sides_of(set);
-        let mut light = SetLight::default();
+        let mut light = SetLight {
+            is_alone: set.is_alone && around.is_open,
+            walls: Parting::by(&around.walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
+            ..SetLight::default()
+        };
         for (index, class) in MAPPED.into_iter().enumerate() {
             let start = Instant::now();
             self.photons.maps.gather(class, sides, &bounds, &mut bench.gather);
             let gathered = Instant::now();
             light.radius_m[index] = bench.gather.radius_m;
             light.reach_m[index] = bench.gather.reach_m;
+            if class == PathClass::Indirect && bench.gather.is_from_behind {
+                light.walls = Some(Parting::ALL);
+            }
             counts.photons += bench.gather.photons.len() as u64;
             counts.gather_seconds += (gathered - start).as_secs_f64();
             if bench.gather.photons.is_empty() {
@@ -283,16 +341,45 @@ impl Building {
             light.spread[index] = spread;
             counts.cluster_seconds += gathered.elapsed().as_secs_f64();
         }
-        light
+        let is_dark = light.harmonics.is_none() && light.vdls.iter().all(Vec::is_empty);
+        if is_dark { SetLight::dark(self.radius_max_m) } else { light }
+    }
+
+    fn search_around(&self, set: &VoxelSet, key: u64) -> WallSearch {
+        let cell_m = self.voxels.cube.cell_m();
+        WallSearch {
+            middle: set.centre,
+            normal: set.normal,
+            lift_m: LIFT_CELLS * cell_m,
+            radius_m: self.look_m() - LIFT_CELLS * cell_m,
+            turn: mix(key) as u32 as f32 / u32::MAX as f32,
+            looks_up: set.is_alone,
+        }
+    }
+
+    /// How far a group looks around itself for walls: as far as its gather may reach, or look-ups near it.
+    fn look_m(&self) -> f32 {
+        let cell_m = self.voxels.cube.cell_m();
+        self.radius_max_m.max(LOOK_CELLS * cell_m) + LIFT_CELLS * cell_m
+    }
+
+    /// Groups within walls, and those that walls keep from others with other light.
+    fn parted_sets(&self) -> Vec<(usize, Parting)> {
+        let sets = self.light.iter().zip(&self.voxels.sets);
+        let irradiance: Vec<f32> = sets.map(|(light, set)| light.irradiance(set.normal)).collect();
+        let walls: Vec<Option<Parting>> = self.light.iter().map(|light| light.walls).collect();
+        parted(&self.voxels, &walls, &irradiance)
     }
 
     /// The finished octree.
     pub(super) fn finish(self) -> LightOctree {
+        let parted_sets = self.parted_sets();
         let mut sets = Vec::with_capacity(self.light.len());
         let mut gathers = Vec::with_capacity(self.light.len());
         let mut vdls: Vec<Vdl> = Vec::new();
         let mut shaded = Vec::new();
         let mut harmonics = Vec::new();
+        let mut walls = Vec::new();
         for (light, set) in self.light.into_iter().zip(&self.voxels.sets) {
             if self.settings.leaf == LeafKind::Harmonics {
                 harmonics.push(light.harmonics.unwrap_or_default());
@@ -308,14 +395,29 @@ impl Building {
                 let class = usize::from(place >= first[1] as usize);
                 ShadedVdl::of(&vdls[place], set.normal, softness[class])
             }));
+            let nearby = if light.is_alone { Nearby::Nothing } else { Nearby::Something };
+            let place = walls.len() as u32;
+            walls.extend(light.walls);
             sets.push(LeafSet {
                 normal: set.normal,
                 plane_m: set.normal.dot(set.centre),
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
                 softness,
+                nearby,
             });
-            gathers.push(LeafGather { radius_m: light.radius_m, reach_m: light.reach_m, chord_rms });
+            gathers.push(LeafGather {
+                radius_m: light.radius_m,
+                reach_m: light.reach_m,
+                chord_rms,
+                walls: light.walls.map(|_| place),
+                is_alone: light.is_alone,
+            });
+        }
+        let mut parting = Vec::new();
+        for (set, by) in parted_sets {
+            sets[set].nearby = Nearby::Parted(parting.len() as u32);
+            parting.push(by);
         }
         // Harmonics do not say of which class they are empty.
         let has_caustics =
@@ -331,6 +433,8 @@ impl Building {
             nodes,
             sets,
             gathers,
+            walls,
+            parting,
             vdls,
             shaded,
             harmonics,
@@ -349,6 +453,8 @@ impl LightOctree {
             radius_m: gather.radius_m,
             reach_m: gather.reach_m,
             spread: gather.chord_rms.map(|chord_rms| Spread { chord_rms, ..Spread::default() }),
+            is_alone: gather.is_alone,
+            walls: gather.walls.map(|place| self.walls[place as usize]),
         }
     }
 }

@@ -17,6 +17,7 @@ mod cluster;
 mod drawing;
 mod harmonics;
 mod pack;
+mod parting;
 mod tree;
 mod upload;
 mod voxels;
@@ -35,6 +36,7 @@ use self::{
     build::Building,
     cluster::Spread,
     drawing::{DrawnLight, direction_of},
+    parting::Parting,
     tree::Nodes,
     voxels::Voxels,
 };
@@ -145,6 +147,10 @@ pub struct LightOctree {
     sets: Vec<LeafSet>,
     /// Of each group.
     gathers: Vec<LeafGather>,
+    /// Walls around groups, in their order, of those that have any.
+    walls: Vec<Parting>,
+    /// Of the groups that are parted from others.
+    parting: Vec<Parting>,
     vdls: Vec<Vdl>,
     /// `vdls` as shading asks for them.
     shaded: Vec<ShadedVdl>,
@@ -196,6 +202,18 @@ impl Softness {
     }
 }
 
+/// What stands near a group, of what could hide its light.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Nearby {
+    /// It is one flat sheet with nothing around it: its light needs no shadows.
+    Nothing,
+    /// Something.
+    #[default]
+    Something,
+    /// Walls with other light behind, at a place in [`LightOctree::parting`].
+    Parted(u32),
+}
+
 /// The light of the surfaces of a cell that face about one way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafSet {
@@ -207,6 +225,20 @@ struct LeafSet {
     end_vdl: u32,
     /// By class.
     softness: [Softness; 2],
+    nearby: Nearby,
+}
+
+/// The groups around a point that face like its surface, with their weights, which sum to 1 unless there is none.
+#[derive(Clone, Copy, Debug)]
+struct Around {
+    sets: [(f32, usize); 8],
+    count: usize,
+}
+
+impl Around {
+    fn sets(&self) -> &[(f32, usize)] {
+        &self.sets[..self.count]
+    }
 }
 
 /// How the light of a group came to be.
@@ -218,10 +250,16 @@ struct LeafGather {
     reach_m: [f32; 2],
     /// By class.
     chord_rms: [f32; 2],
+    /// Place of the walls around it in [`LightOctree::walls`].
+    walls: Option<u32>,
+    /// It is one flat sheet with nothing around it.
+    is_alone: bool,
 }
 
 /// Distance from a group's mean plane at which it counts half, in sides of a cell: farther off it is another sheet.
 const SHEET_CELLS: f32 = 0.25;
+/// Share of a group whose light a wall keeps off.
+const BEHIND_SHARE: f32 = 1e-3;
 /// Softens lights of a single direction.
 const SOFTNESS_MIN: f32 = 4.0 * GRAZING;
 /// Least soft cosine of a light with its group: that on the horizon.
@@ -252,6 +290,7 @@ impl LightOctree {
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
             + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
+            + (self.walls.len() + self.parting.len()) * size_of::<Parting>()
             + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
             + self.harmonics.len() * size_of::<[Harmonics; 2]>()
             + self.voxels.bytes()
@@ -266,6 +305,8 @@ impl LightOctree {
             && self.voxels.first_set == other.voxels.first_set
             && self.sets == other.sets
             && self.gathers == other.gathers
+            && self.walls == other.walls
+            && self.parting == other.parting
             && self.vdls == other.vdls
             && self.harmonics == other.harmonics
     }
@@ -306,9 +347,10 @@ impl LightOctree {
         &self.vdls[set.first_vdl[class] as usize..end as usize]
     }
 
-    /// Calls `found` with the groups around `p` that face like `n` and their weights, which sum to 1 unless there is none.
+    /// The groups around `p` that face like `n`.
     #[inline]
-    fn around(&self, p: Vec3, n: Vec3, mut found: impl FnMut(f32, &LeafSet, usize)) {
+    fn around(&self, p: Vec3, n: Vec3) -> Around {
+        let mut around = Around { sets: [(0.0, 0); 8], count: 0 };
         let cube = &self.voxels.cube;
         let cells = cube.cells() as i32;
         // Far outside is as good as outside.
@@ -318,9 +360,7 @@ impl LightOctree {
         let fraction = at - base;
         let base = base.as_ivec3();
         let inside = |cell: IVec3| cell.clamp(IVec3::ZERO, IVec3::splat(cells - 1)).as_uvec3();
-        let Some(place) = self.nodes.common(inside(base), inside(base + 1)) else { return };
-        let mut sets = [(0.0f32, 0usize); 8];
-        let mut count = 0;
+        let Some(place) = self.nodes.common(inside(base), inside(base + 1)) else { return around };
         let mut total = 0.0;
         for corner in 0..8 {
             let offset = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
@@ -332,16 +372,24 @@ impl LightOctree {
             }
             let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
             let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
-            let weight = weight * share;
-            sets[count] = (weight, set);
-            count += 1;
+            let weight = weight * share * self.share_of_this_side(set, p);
+            around.sets[around.count] = (weight, set);
+            around.count += 1;
             total += weight;
         }
         if total > 0.0 {
             let scale = 1.0 / total;
-            for (weight, set) in &sets[..count] {
-                found(weight * scale, &self.sets[*set], *set);
-            }
+            around.sets[..around.count].iter_mut().for_each(|(weight, _)| *weight *= scale);
+        }
+        around
+    }
+
+    /// Next to nothing for a group whose light is kept off `p` by a wall: it counts only where there is no other.
+    #[inline]
+    fn share_of_this_side(&self, set: usize, p: Vec3) -> f32 {
+        match self.sets[set].nearby {
+            Nearby::Parted(place) if self.parting[place as usize].is_behind(p) => BEHIND_SHARE,
+            _ => 1.0,
         }
     }
 
@@ -370,13 +418,13 @@ impl LightOctree {
     /// normals.
     pub fn irradiance(&self, p: Vec3, n: Vec3) -> [Rgb; 2] {
         let mut irradiance = [Rgb::BLACK; 2];
-        self.around(p, n, |weight, set, _| {
+        for (weight, set) in self.around(p, n).sets() {
             for (class, sum) in irradiance.iter_mut().enumerate() {
-                for vdl in self.vdls_of(set, class) {
-                    *sum += vdl.irradiance * weight;
+                for vdl in self.vdls_of(&self.sets[*set], class) {
+                    *sum += vdl.irradiance * *weight;
                 }
             }
-        });
+        }
         irradiance
     }
 }
@@ -399,46 +447,63 @@ impl SecondaryLight for LightOctree {
         let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
         let n_shade = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
         let shading = Shading { surface, wo_local: surface.frame.to_local(wo), n_shade };
+        let around = self.around(surface.point.position, n_facing);
         let mut sums = [Rgb::BLACK; 2];
         let mut blur_m = 0.0;
-        let mut is_known = false;
-        let mut drawn = draw.map(|[choice, ..]| DrawnLight::new(choice));
-        self.around(surface.point.position, n_facing, |weight, set, place| {
-            is_known = true;
+        let mut is_alone = true;
+        for &(weight, place) in around.sets() {
             blur_m += self.gathers[place].radius_m[0] * weight;
             if let Some(of_class) = self.harmonics.get(place) {
                 for (sum, harmonics) in sums.iter_mut().zip(of_class) {
                     *sum += shading.response_to(harmonics) * weight;
                 }
-                return;
+                continue;
             }
-            let vdls = self.lights_of(set);
-            sums[0] += shading.response(vdls, set.softness[0]) * weight;
-            if let Some(drawn) = &mut drawn {
-                for (light, vdl) in vdls.iter().enumerate() {
-                    let cos = set.softness[0].cos(n_shade.dot(vdl.direction));
-                    drawn.offer(vdl.scaled.max_component() * cos * weight, place, light);
-                }
-            }
+            let set = &self.sets[place];
+            is_alone &= set.nearby == Nearby::Nothing;
+            sums[0] += shading.response(self.lights_of(set), set.softness[0]) * weight;
             let caustic = &self.shaded[set.first_vdl[1] as usize..set.end_vdl as usize];
             if !caustic.is_empty() {
                 sums[1] += shading.response(caustic, set.softness[1]) * weight;
             }
-        });
-        let blur_m = if is_known { blur_m } else { self.radius_max_m };
-        let from = draw.zip(drawn.and_then(|drawn| drawn.drawn())).map(|([_, u, v], drawn)| {
-            let set = &self.sets[drawn.set];
-            let lights = self.lights_of(set);
-            let light = lights[drawn.light];
-            let chord_rms = self.gathers[drawn.set].chord_rms[0];
-            let directions = lights.iter().map(|vdl| vdl.direction);
-            let direction = direction_of(directions, light.direction, chord_rms, n_facing, [u, v]);
-            let cos = set.softness[0].cos(n_shade.dot(light.direction));
-            let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);
-            let share = shading.response(&[light], set.softness[0]) * per_chance;
-            LitFrom { direction, share, lost_m: self.lost_m(blur_m) }
-        });
+        }
+        let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m };
+        let from = draw
+            .filter(|_| !is_alone)
+            .and_then(|draw| self.drawn(&around, &shading, n_facing, self.lost_m(blur_m), draw));
         ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from }
+    }
+}
+
+impl LightOctree {
+    /// Where some of the light of the groups around comes from.
+    fn drawn(
+        &self,
+        around: &Around,
+        shading: &Shading<'_>,
+        n_facing: Vec3,
+        lost_m: f32,
+        [choice, u, v]: [f32; 3],
+    ) -> Option<LitFrom> {
+        let mut drawing = DrawnLight::new(choice);
+        for &(weight, place) in around.sets() {
+            let set = &self.sets[place];
+            for (light, vdl) in self.lights_of(set).iter().enumerate() {
+                let cos = set.softness[0].cos(shading.n_shade.dot(vdl.direction));
+                drawing.offer(vdl.scaled.max_component() * cos * weight, place, light);
+            }
+        }
+        let drawn = drawing.drawn()?;
+        let set = &self.sets[drawn.set];
+        let lights = self.lights_of(set);
+        let light = lights[drawn.light];
+        let chord_rms = self.gathers[drawn.set].chord_rms[0];
+        let directions = lights.iter().map(|vdl| vdl.direction);
+        let direction = direction_of(directions, light.direction, chord_rms, n_facing, [u, v]);
+        let cos = set.softness[0].cos(shading.n_shade.dot(light.direction));
+        let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);
+        let share = shading.response(&[light], set.softness[0]) * per_chance;
+        Some(LitFrom { direction, share, lost_m })
     }
 }
 
@@ -619,7 +684,7 @@ impl Technique for OctreeBuilding {
             }
             return done;
         };
-        if !building.advance() {
+        if !building.advance(step.world) {
             self.building = Some(building);
             return Progress { counts: Counts::default(), complete: false };
         }

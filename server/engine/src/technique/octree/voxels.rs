@@ -3,7 +3,10 @@
 //! Every triangle is cut by the cells; what lies in one cell is grouped by where it faces and by the plane it lies in, for
 //! each side of the surface by itself: surfaces that face apart, or lie one above the other, get different light.
 
-use std::{collections::HashMap, sync::Arc};
+use std::{
+    collections::{HashMap, HashSet},
+    sync::Arc,
+};
 
 use glam::{IVec3, UVec3, Vec3};
 use rayon::prelude::*;
@@ -15,12 +18,18 @@ use crate::{
 
 /// Triangles that are cut as one piece of work.
 const CHUNK: usize = 2048;
+/// Instances that changed at once, of which each is looked at by itself.
+const MOVED_MAX: usize = 64;
 /// Groups of a cell at most: two sheets for each direction of space.
 const SETS_MAX: usize = 12;
 /// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
 const SHEET_JOINS_CELLS: f32 = 0.25;
 /// Layers that a cell is cut into for telling sheets apart.
 const LAYERS: f32 = 4.0;
+/// A cell holds one plane where the mean of its normals is so long …
+const FLAT_COS: f32 = 0.99;
+/// … and its groups lie no farther from each other, in sides of a cell.
+const FLAT_CELLS: f32 = 0.02;
 /// Cosine of the angle from a group's mean normal within which a surface joins it.
 const JOINS_COS: f32 = 0.5;
 
@@ -128,6 +137,8 @@ pub(super) struct VoxelSet {
     /// Mean position.
     pub(super) centre: Vec3,
     pub(super) area_m2: f32,
+    /// It is one plane, and nothing else in its cell faces another way or lies elsewhere.
+    pub(super) is_alone: bool,
     /// Its sides, in [`Voxels::sides`].
     pub(super) first_side: u32,
     pub(super) side_count: u32,
@@ -221,7 +232,7 @@ impl Voxels {
     }
 
     /// The cells around one that hold surface, by their places.
-    fn cells_around(&self, cell: usize) -> Vec<usize> {
+    pub(super) fn cells_around(&self, cell: usize) -> Vec<usize> {
         let middle = cell_of(self.codes[cell]).as_ivec3();
         let last = self.cube.cells() as i32 - 1;
         let mut around = Vec::new();
@@ -287,6 +298,7 @@ impl Voxels {
                 }
             }
         }
+        let is_alone = is_one_plane(&groups, self.cube.cell_m());
         for mut group in groups {
             group.sides.sort_unstable();
             group.sides.dedup();
@@ -294,11 +306,31 @@ impl Voxels {
                 normal: group.normal.normalize_or(Vec3::Z),
                 centre: group.centre / group.area_m2,
                 area_m2: group.area_m2,
+                is_alone,
                 first_side: self.sides.len() as u32,
                 side_count: group.sides.len() as u32,
             });
             self.sides.append(&mut group.sides);
         }
+    }
+
+    /// Boxes around the instances that these or the ones before have and the others have not, `[low, high]` in render space; one
+    /// box around all of many.
+    pub(super) fn moved_since(&self, before: &Voxels, accel: &Accel) -> Vec<[Vec3; 2]> {
+        let address = |pieces: &Arc<InstancePieces>| Arc::as_ptr(&pieces.instance).addr();
+        let [now, then] = [self, before].map(|v| v.instances.iter().map(address).collect::<HashSet<usize>>());
+        let came = self.instances.iter().filter(|pieces| !then.contains(&address(pieces)));
+        let went = before.instances.iter().filter(|pieces| !now.contains(&address(pieces)));
+        let boxes: Vec<[Vec3; 2]> = came
+            .chain(went)
+            .map(|pieces| pieces.instance.bounds_in_world())
+            .map(|bounds| [bounds.min, bounds.max].map(|corner| accel.to_render(corner)))
+            .collect();
+        if boxes.len() <= MOVED_MAX {
+            return boxes;
+        }
+        let around = |[a, b]: [Vec3; 2], [c, d]: [Vec3; 2]| [a.min(c), b.max(d)];
+        boxes.into_iter().reduce(around).into_iter().collect()
     }
 
     /// Memory.
@@ -336,6 +368,16 @@ impl Group {
         self.normal += normal;
         self.sides.push(side);
     }
+}
+
+/// All groups of a cell are the two sides of one flat sheet.
+fn is_one_plane(groups: &[Group], cell_m: f32) -> bool {
+    let Some(first) = groups.first() else { return true };
+    let n = first.normal.normalize_or_zero();
+    groups.iter().all(|group| {
+        let off_m = n.dot(group.centre / group.area_m2 - first.centre / first.area_m2).abs();
+        n.dot(group.normal).abs() >= FLAT_COS * group.area_m2 && off_m <= FLAT_CELLS * cell_m
+    })
 }
 
 /// Cuts the triangles of an instance by the cells.

@@ -21,6 +21,7 @@ use super::{
     extent::Facets,
     map::{MAPPED, MapPhoton, PhotonMaps, SideMap},
     surfaces::SideId,
+    walls::Walls,
 };
 use crate::{
     math::{Rgb, octahedral},
@@ -69,7 +70,11 @@ pub struct Gather {
     pub reach_m: f32,
     /// The surfaces within that radius.
     facets: Facets,
+    /// Nothing fell before the walls: for want of others, photons from behind them were taken.
+    pub is_from_behind: bool,
     near: Vec<Near>,
+    /// How many photons walls kept out of the last search.
+    behind_count: usize,
     /// Photons on what faces further away from the gather's normal were left out, and so is its area.
     facing_cos: f32,
     /// Within reach, by place in the list of sides.
@@ -145,6 +150,8 @@ pub struct GatherBounds {
     pub radius_max_m: f32,
     /// Where light changes within the radius fewer photons count, but not fewer than these.
     pub count_narrow: NonZeroUsize,
+    /// Nothing beyond these counts.
+    pub walls: Walls,
 }
 
 impl GatherBounds {
@@ -169,6 +176,7 @@ impl PhotonMaps {
     pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         gather.photons.clear();
         gather.near.clear();
+        gather.is_from_behind = false;
         gather.facets = Facets::default();
         gather.radius_m = 0.0;
         gather.reach_m = 0.0;
@@ -181,6 +189,13 @@ impl PhotonMaps {
         }
         let maps = &self.sides[class];
         self.search(class, sides, bounds, gather);
+        if gather.near.is_empty() && gather.behind_count > 0 {
+            // Within a wall, or where no light falls: better some light than none.
+            let without = GatherBounds { walls: Walls::default(), ..*bounds };
+            self.gather(MAPPED[class], sides, &without, gather);
+            gather.is_from_behind = true;
+            return;
+        }
         if gather.near.is_empty() {
             return;
         }
@@ -212,13 +227,15 @@ impl PhotonMaps {
         let mut count_max = if is_content { bounds.count_max } else { bounds.count_min }.get();
         loop {
             gather.near.clear();
+            gather.behind_count = 0;
             for side in sides {
                 if let Some(map) = &maps[side.index()] {
                     gather.add_within(*side, map, bounds);
                 }
             }
             gather.orient(bounds.count_min.get());
-            let found = gather.near.len();
+            // A wall that takes half of them leaves enough.
+            let found = gather.near.len() + gather.near.len().min(gather.behind_count);
             if found >= bounds.count_min.get() || gather.radius_m >= bounds.radius_max_m {
                 break;
             }
@@ -417,17 +434,19 @@ impl Gather {
         let centre = bounds.centre.to_array();
         let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(radius2);
         let side = side.index() as u32;
-        let near = within.unsorted().execute().into_iter().filter_map(|near| {
+        for near in within.unsorted().execute() {
             let photon = &map.photons[near.item as usize];
             let distance2 = bounds.flattened_from(photon.position).length_squared();
-            (distance2 <= radius2).then(|| Near {
-                distance2,
-                side,
-                item: near.item,
-                facing_cos: octahedral::decode(photon.normal).dot(bounds.normal),
-            })
-        });
-        self.near.extend(near);
+            if distance2 > radius2 {
+                continue;
+            }
+            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
+            if bounds.walls.behind_m(photon.position - bounds.centre) > 0.0 {
+                self.behind_count += 1;
+                continue;
+            }
+            self.near.push(Near { distance2, side, item: near.item, facing_cos });
+        }
     }
 
     /// Keeps those nearer than the k-th and sets the radius to its distance; keeps all when there are fewer.

@@ -111,6 +111,11 @@ impl PhotonMaps {
         &self.sides[class][side.index()]
     }
 
+    /// True when photons of any class lie on any of some sides.
+    pub fn has_any(&self, sides: &[SideId]) -> bool {
+        sides.iter().any(|side| self.sides.iter().any(|maps| maps[side.index()].is_some()))
+    }
+
     /// Photons in all maps of a class.
     pub fn photon_count(&self, class: PathClass) -> usize {
         let Some(index) = MAPPED.iter().position(|mapped| *mapped == class) else { return 0 };

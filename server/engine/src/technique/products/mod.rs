@@ -7,6 +7,7 @@ mod map;
 mod packed;
 mod patch;
 mod surfaces;
+mod walls;
 
 use std::{
     collections::HashMap,
@@ -23,6 +24,7 @@ pub use self::{
     packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
+    walls::{Surroundings, WallSearch, Walls},
 };
 
 use super::{Card, Counts};
@@ -42,7 +44,7 @@ pub struct ScatteredLight {
     pub caustic: Rgb,
     /// How far indirect light is blurred here, m: nearer than that it is not to be looked at.
     pub blur_m: f32,
-    /// Where some of the indirect light comes from; `None` where nobody asked or that is not known.
+    /// Where some of the indirect light comes from; `None` where nobody asked, that is not known, or nothing is near.
     pub from: Option<LitFrom>,
 }
 

@@ -58,6 +58,10 @@ impl Square {
 
     /// A gather of 96 photons in the plane z = 0 that may be narrowed to so many.
     fn gather(&self, x_m: f32, count_narrow: usize) -> Gather {
+        self.gather_before(Walls::default(), x_m, count_narrow)
+    }
+
+    fn gather_before(&self, walls: Walls, x_m: f32, count_narrow: usize) -> Gather {
         let count = NonZeroUsize::new(96).unwrap();
         let bounds = GatherBounds {
             centre: Vec3::new(x_m, 0.0, 0.0),
@@ -67,6 +71,7 @@ impl Square {
             count_max: count,
             radius_max_m: 4.0,
             count_narrow: NonZeroUsize::new(count_narrow).unwrap(),
+            walls,
         };
         let mut gather = Gather::default();
         self.maps.gather(PathClass::Indirect, &[self.side], &bounds, &mut gather);
@@ -102,6 +107,25 @@ fn even_light_is_not_narrowed() {
     }
     assert!((sum - 1.0).abs() < 0.03, "{sum}");
     assert!(narrowed <= 4, "{narrowed} of 200");
+}
+
+/// A wall between keeps the bright half out altogether and takes nothing from even light.
+#[test]
+fn walls_keep_out_what_lies_behind() {
+    let wall = |x_m: f32| Walls::at([(-Vec3::X, x_m), (Vec3::Z, 5.0)]);
+    let (mut dark, mut even) = (0.0, 0.0);
+    for key in 0..100 {
+        let gather = Square::lit([8000, 200], 100 * key).gather_before(wall(0.05), 0.05, 96);
+        assert!(!gather.is_from_behind);
+        dark += gather.irradiance().luminance() / (100.0 * FLUX_W) / 100.0;
+        let gather = Square::lit([400, 400], 100 * key).gather_before(wall(0.1), 0.1, 96);
+        even += gather.irradiance().luminance() / (200.0 * FLUX_W) / 100.0;
+    }
+    assert!((dark - 1.0).abs() < 0.03, "{dark}");
+    assert!((even - 1.0).abs() < 0.03, "{even}");
+    // Where no light is before the wall, that behind it counts.
+    let within = Square::lit([400, 0], 1).gather_before(wall(0.05), 0.05, 96);
+    assert!(within.is_from_behind && within.irradiance().luminance() > 0.0);
 }
 
 /// What brings no light agrees with any estimate, and what is known without noise with no other.
@@ -159,6 +183,7 @@ fn bent_surfaces_show_the_light_they_face() {
                 count_max: count,
                 radius_max_m: 4.0,
                 count_narrow: NonZeroUsize::new(16).unwrap(),
+                walls: Walls::default(),
             };
             let mut gather = Gather::default();
             maps.gather(PathClass::Indirect, &[side], &bounds, &mut gather);

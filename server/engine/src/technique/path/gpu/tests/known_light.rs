@@ -49,6 +49,8 @@ fn the_octree_answers_the_same_on_a_card() {
         ("boxes", samples::boxes().unwrap(), None),
         ("cornell box", samples::cornell_box().unwrap(), None),
         ("plastic and half glass", glossy, None),
+        // Groups beside the wall belong to one room or the other.
+        ("parted rooms", samples::parted_rooms([300.0, 3.0]).unwrap(), None),
         // By way of mirrors and glass a scattering is used up.
         ("two bounces", samples::cornell_box().unwrap(), Some(2)),
     ] {
