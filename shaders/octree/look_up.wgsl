@@ -16,8 +16,7 @@ struct OctreeHeader {
     /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
     lost_blurs: f32,
     lost_max_m: f32,
-    /// First word of the planes that part groups from others.
-    parting_at: u32,
+    padding_0: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -34,12 +33,14 @@ struct LightSet {
     blur_m: f32,
     /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
     chord_rms: f32,
-    /// What stands near: 0 nothing, 1 something, 2 + n the walls number n, with other light behind.
-    nearby: u32,
+    /// 1: nothing stands near that could hide its light.
+    is_alone: u32,
+    /// A plane, beyond which it counts for next to nothing.
+    wall: vec4f,
 }
 
 @group(3) @binding(0) var<uniform> octree: OctreeHeader;
-/// Eight words a node, then the first group of each cell and the end, then eight words of floats for the walls of a group.
+/// Eight words a node, then the first group of each cell and the end.
 @group(3) @binding(1) var<storage, read> octree_words: array<u32>;
 @group(3) @binding(2) var<storage, read> light_sets: array<LightSet>;
 /// Direction and what the light brings over its softened cosine with its group, as `octree/pack.rs` packs them.
@@ -47,8 +48,6 @@ struct LightSet {
 
 const NO_CELL: u32 = 0xffffffffu;
 const CELL_IS_LEAF: u32 = 0x80000000u;
-const NOTHING_NEAR: u32 = 0u;
-const WALLS_NEAR: u32 = 2u;
 /// `octree/mod.rs`.
 const BEHIND_SHARE: f32 = 1e-3;
 /// `octree/drawing.rs`.
@@ -132,23 +131,6 @@ fn set_like(leaf: u32, p: vec3f, n: vec3f) -> LikeSet {
         }
     }
     return best;
-}
-
-/// Next to nothing for a group whose light is kept off `p` by a wall.
-fn share_of_this_side(leaf_set: u32, p: vec3f) -> f32 {
-    let nearby = light_sets[leaf_set].nearby;
-    if nearby < WALLS_NEAR {
-        return 1.0;
-    }
-    let first = octree.parting_at + 8u * (nearby - WALLS_NEAR);
-    for (var at = first; at < first + 8u; at += 4u) {
-        let words = vec4u(octree_words[at], octree_words[at + 1u], octree_words[at + 2u], octree_words[at + 3u]);
-        let plane = bitcast<vec4f>(words);
-        if dot(plane.xyz, p) > plane.w {
-            return BEHIND_SHARE;
-        }
-    }
-    return 1.0;
 }
 
 /// What the diffuse lobe sends to the eye of the lights `first..end`.
@@ -266,7 +248,8 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         if like.index == NO_CELL {
             continue;
         }
-        weight *= like.share * share_of_this_side(like.index, p);
+        let wall = light_sets[like.index].wall;
+        weight *= like.share * select(1.0, BEHIND_SHARE, dot(wall.xyz, p) > wall.w);
         total += weight;
         blurs_m += light_sets[like.index].blur_m * weight;
         let first = light_sets[like.index].first_vdl;
@@ -274,7 +257,7 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         let end = light_sets[like.index].end_vdl;
         let reach = light_sets[like.index].reach;
         light.indirect += response(surface, wo_local, n_shade, first, first_caustic, reach) * weight;
-        is_alone = is_alone && light_sets[like.index].nearby == NOTHING_NEAR;
+        is_alone = is_alone && light_sets[like.index].is_alone == 1u;
         found[count] = like.index;
         weights[count] = weight;
         count += 1u;

@@ -6,11 +6,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafGather, LeafKind, LeafSet, LightOctree, Nearby, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
-    ShadedVdl, Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS, ShadedVdl,
+    Softness,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
-    parting::{Parting, parted},
+    parting::{NearWalls, Parting, parted},
     tree::Nodes,
     voxels::{Cube, Expected, VoxelSet, Voxels},
 };
@@ -44,7 +44,7 @@ struct SetLight {
     /// Nothing stands near.
     is_alone: bool,
     /// The nearest walls around it.
-    walls: Option<Parting>,
+    walls: Option<NearWalls>,
 }
 
 impl SetLight {
@@ -308,7 +308,7 @@ impl Building {
         };
         let mut light = SetLight {
             is_alone: set.is_alone && around.is_open,
-            walls: Parting::by(&around.walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
+            walls: NearWalls::of(&around.walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
             ..SetLight::default()
         };
         for (index, class) in MAPPED.into_iter().enumerate() {
@@ -318,7 +318,7 @@ impl Building {
             light.radius_m[index] = bench.gather.radius_m;
             light.reach_m[index] = bench.gather.reach_m;
             if class == PathClass::Indirect && bench.gather.is_from_behind {
-                light.walls = Some(Parting::ALL);
+                light.walls = Some(NearWalls::WITHIN);
             }
             counts.photons += bench.gather.photons.len() as u64;
             counts.gather_seconds += (gathered - start).as_secs_f64();
@@ -367,7 +367,7 @@ impl Building {
     fn parted_sets(&self) -> Vec<(usize, Parting)> {
         let sets = self.light.iter().zip(&self.voxels.sets);
         let irradiance: Vec<f32> = sets.map(|(light, set)| light.irradiance(set.normal)).collect();
-        let walls: Vec<Option<Parting>> = self.light.iter().map(|light| light.walls).collect();
+        let walls: Vec<Option<NearWalls>> = self.light.iter().map(|light| light.walls).collect();
         parted(&self.voxels, &walls, &irradiance)
     }
 
@@ -395,7 +395,6 @@ impl Building {
                 let class = usize::from(place >= first[1] as usize);
                 ShadedVdl::of(&vdls[place], set.normal, softness[class])
             }));
-            let nearby = if light.is_alone { Nearby::Nothing } else { Nearby::Something };
             let place = walls.len() as u32;
             walls.extend(light.walls);
             sets.push(LeafSet {
@@ -404,20 +403,19 @@ impl Building {
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
                 softness,
-                nearby,
+                blur_m: light.radius_m[0],
+                is_alone: light.is_alone,
+                wall: Parting::NONE,
             });
             gathers.push(LeafGather {
                 radius_m: light.radius_m,
                 reach_m: light.reach_m,
                 chord_rms,
                 walls: light.walls.map(|_| place),
-                is_alone: light.is_alone,
             });
         }
-        let mut parting = Vec::new();
-        for (set, by) in parted_sets {
-            sets[set].nearby = Nearby::Parted(parting.len() as u32);
-            parting.push(by);
+        for (place, wall) in parted_sets {
+            sets[place].wall = wall;
         }
         // Harmonics do not say of which class they are empty.
         let has_caustics =
@@ -434,7 +432,6 @@ impl Building {
             sets,
             gathers,
             walls,
-            parting,
             vdls,
             shaded,
             harmonics,
@@ -453,7 +450,7 @@ impl LightOctree {
             radius_m: gather.radius_m,
             reach_m: gather.reach_m,
             spread: gather.chord_rms.map(|chord_rms| Spread { chord_rms, ..Spread::default() }),
-            is_alone: gather.is_alone,
+            is_alone: leaf.is_alone,
             walls: gather.walls.map(|place| self.walls[place as usize]),
         }
     }

@@ -36,7 +36,7 @@ use self::{
     build::Building,
     cluster::Spread,
     drawing::{DrawnLight, direction_of},
-    parting::Parting,
+    parting::{NearWalls, Parting},
     tree::Nodes,
     voxels::Voxels,
 };
@@ -148,9 +148,7 @@ pub struct LightOctree {
     /// Of each group.
     gathers: Vec<LeafGather>,
     /// Walls around groups, in their order, of those that have any.
-    walls: Vec<Parting>,
-    /// Of the groups that are parted from others.
-    parting: Vec<Parting>,
+    walls: Vec<NearWalls>,
     vdls: Vec<Vdl>,
     /// `vdls` as shading asks for them.
     shaded: Vec<ShadedVdl>,
@@ -202,18 +200,6 @@ impl Softness {
     }
 }
 
-/// What stands near a group, of what could hide its light.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Nearby {
-    /// It is one flat sheet with nothing around it: its light needs no shadows.
-    Nothing,
-    /// Something.
-    #[default]
-    Something,
-    /// Walls with other light behind, at a place in [`LightOctree::parting`].
-    Parted(u32),
-}
-
 /// The light of the surfaces of a cell that face about one way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafSet {
@@ -225,7 +211,12 @@ struct LeafSet {
     end_vdl: u32,
     /// By class.
     softness: [Softness; 2],
-    nearby: Nearby,
+    /// How far away the photons of indirect light lie, m.
+    blur_m: f32,
+    /// It is one flat sheet with nothing around it: its light needs no shadows.
+    is_alone: bool,
+    /// Keeps it from groups with other light: beyond it counts for next to nothing.
+    wall: Parting,
 }
 
 /// The groups around a point that face like its surface, with their weights, which sum to 1 unless there is none.
@@ -252,8 +243,6 @@ struct LeafGather {
     chord_rms: [f32; 2],
     /// Place of the walls around it in [`LightOctree::walls`].
     walls: Option<u32>,
-    /// It is one flat sheet with nothing around it.
-    is_alone: bool,
 }
 
 /// Distance from a group's mean plane at which it counts half, in sides of a cell: farther off it is another sheet.
@@ -290,7 +279,7 @@ impl LightOctree {
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
             + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
-            + (self.walls.len() + self.parting.len()) * size_of::<Parting>()
+            + self.walls.len() * size_of::<NearWalls>()
             + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
             + self.harmonics.len() * size_of::<[Harmonics; 2]>()
             + self.voxels.bytes()
@@ -306,7 +295,6 @@ impl LightOctree {
             && self.sets == other.sets
             && self.gathers == other.gathers
             && self.walls == other.walls
-            && self.parting == other.parting
             && self.vdls == other.vdls
             && self.harmonics == other.harmonics
     }
@@ -372,7 +360,9 @@ impl LightOctree {
             }
             let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
             let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
-            let weight = weight * share * self.share_of_this_side(set, p);
+            // Of a group whose light is kept off by a wall only where there is no other.
+            let of_side = if self.sets[set].wall.is_behind(p) { BEHIND_SHARE } else { 1.0 };
+            let weight = weight * share * of_side;
             around.sets[around.count] = (weight, set);
             around.count += 1;
             total += weight;
@@ -382,15 +372,6 @@ impl LightOctree {
             around.sets[..around.count].iter_mut().for_each(|(weight, _)| *weight *= scale);
         }
         around
-    }
-
-    /// Next to nothing for a group whose light is kept off `p` by a wall: it counts only where there is no other.
-    #[inline]
-    fn share_of_this_side(&self, set: usize, p: Vec3) -> f32 {
-        match self.sets[set].nearby {
-            Nearby::Parted(place) if self.parting[place as usize].is_behind(p) => BEHIND_SHARE,
-            _ => 1.0,
-        }
     }
 
     /// The group of a cell that faces most like `n` and whose plane is nearest to `p`, if any faces about like it, and how
@@ -452,15 +433,15 @@ impl SecondaryLight for LightOctree {
         let mut blur_m = 0.0;
         let mut is_alone = true;
         for &(weight, place) in around.sets() {
-            blur_m += self.gathers[place].radius_m[0] * weight;
+            let set = &self.sets[place];
+            blur_m += set.blur_m * weight;
             if let Some(of_class) = self.harmonics.get(place) {
                 for (sum, harmonics) in sums.iter_mut().zip(of_class) {
                     *sum += shading.response_to(harmonics) * weight;
                 }
                 continue;
             }
-            let set = &self.sets[place];
-            is_alone &= set.nearby == Nearby::Nothing;
+            is_alone &= set.is_alone;
             sums[0] += shading.response(self.lights_of(set), set.softness[0]) * weight;
             let caustic = &self.shaded[set.first_vdl[1] as usize..set.end_vdl as usize];
             if !caustic.is_empty() {

@@ -1,6 +1,6 @@
 //! The octree packed for the GPU.
 
-use super::{LOST_BLURS, LightOctree, Nearby, PackedVdl, Vdl};
+use super::{LOST_BLURS, LightOctree, PackedVdl, Vdl};
 use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
 
 impl LightOctree {
@@ -13,9 +13,6 @@ impl LightOctree {
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
-        let parting_at = words.len() as u32;
-        let planes = self.parting.iter().flat_map(|parting| parting.planes);
-        words.extend(planes.flat_map(|plane| plane.to_array().map(f32::to_bits)));
         let sets = self.sets.iter().zip(&self.gathers).map(|(set, gather)| GpuLightSet {
             normal: set.normal.into(),
             plane_m: set.plane_m,
@@ -24,13 +21,10 @@ impl LightOctree {
             end_vdl: set.end_vdl,
             reach: set.softness[0].reach,
             caustic_reach: set.softness[1].reach,
-            blur_m: gather.radius_m[0],
+            blur_m: set.blur_m,
             chord_rms: gather.chord_rms[0],
-            nearby: match set.nearby {
-                Nearby::Nothing => 0,
-                Nearby::Something => 1,
-                Nearby::Parted(place) => 2 + place,
-            },
+            is_alone: u32::from(set.is_alone),
+            wall: set.wall.0.into(),
         });
         let packed = self.shaded.iter().map(|vdl| {
             let packed = PackedVdl::pack(&Vdl { direction: vdl.direction, irradiance: vdl.scaled });
@@ -47,7 +41,7 @@ impl LightOctree {
                 blur_max_m: self.radius_max_m,
                 lost_blurs: LOST_BLURS,
                 lost_max_m: self.lost_max_m(),
-                parting_at,
+                padding_0: 0,
             },
             words,
             sets: sets.collect(),

@@ -5,6 +5,7 @@
 
 use std::{
     collections::{HashMap, HashSet},
+    ops::Range,
     sync::Arc,
 };
 
@@ -342,9 +343,14 @@ impl Voxels {
             + self.sides.len() * size_of::<SideId>()
     }
 
+    /// Places of the groups of a cell, by its place.
+    pub(super) fn places_of(&self, cell: usize) -> Range<usize> {
+        self.first_set[cell] as usize..self.first_set[cell + 1] as usize
+    }
+
     /// The groups of a cell, by its place.
     pub(super) fn sets_of(&self, cell: usize) -> &[VoxelSet] {
-        &self.sets[self.first_set[cell] as usize..self.first_set[cell + 1] as usize]
+        &self.sets[self.places_of(cell)]
     }
 
     /// The sides of a group.

@@ -28,8 +28,8 @@ pub struct GpuOctreeHeader {
     pub lost_blurs: f32,
     /// See there, m.
     pub lost_max_m: f32,
-    /// First word of the planes that part groups from others: two of four floats each.
-    pub parting_at: u32,
+    /// Nothing.
+    pub padding_0: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.
@@ -54,8 +54,10 @@ pub struct GpuLightSet {
     pub blur_m: f32,
     /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
     pub chord_rms: f32,
-    /// What stands near it: 0 nothing, 1 something, 2 + n the walls number n, with other light behind.
-    pub nearby: u32,
+    /// 1: nothing stands near that could hide its light.
+    pub is_alone: u32,
+    /// A plane, beyond which it counts for next to nothing: direction, distance of the plane from the origin along it, m.
+    pub wall: [f32; 4],
 }
 
 /// Light in cells, ready to be copied into buffers.
@@ -63,7 +65,7 @@ pub struct GpuLightSet {
 pub struct PackedLight {
     /// What says how the rest is read.
     pub header: GpuOctreeHeader,
-    /// Eight words a node, then `[cells + 1]` the first group of each cell, then eight words of floats for the walls of a group.
+    /// Eight words a node, then `[cells + 1]` the first group of each cell.
     pub words: Vec<u32>,
     /// Groups of surfaces.
     pub sets: Vec<GpuLightSet>,

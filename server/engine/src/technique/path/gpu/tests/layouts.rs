@@ -135,7 +135,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             blur_max_m,
             lost_blurs,
             lost_max_m,
-            parting_at,
+            padding_0,
         }
     );
     assert_same_layout!(
@@ -151,7 +151,8 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             caustic_reach,
             blur_m,
             chord_rms,
-            nearby,
+            is_alone,
+            wall,
         }
     );
 }
