@@ -148,13 +148,35 @@ impl Tracer<'_> {
         tally.ray(&path.ray);
         let mut met = met;
         while self.advance(&mut path, met, &mut sample, tally) {
-            tally.ray(&path.ray);
-            met = self.world.closest_hit(&path.ray);
+            match self.goes_to(&path, tally) {
+                Some(next) => met = next,
+                None => break,
+            }
         }
         // Classes that nobody asked for are met on the way to others.
         let unshown = PathClass::ALL.iter().filter(|class| !self.settings.shown.contains(**class));
         unshown.for_each(|class| sample.radiance[*class as usize] = Rgb::BLACK);
         sample
+    }
+
+    /// What the path's ray meets; `None` where nothing that it could meet would count. Most rays of a path that ends at its next
+    /// surface anyway pass by all lights, and whether they do is known long before what they meet. It counts as a ray whatever
+    /// answers it: counts set the pace where no clock may, and that must not depend on the backend.
+    fn goes_to(&self, path: &Path<'_>, tally: &mut impl Tally) -> Option<Option<Hit>> {
+        tally.ray(&path.ray);
+        let lights = self.world.lights();
+        let ends_there = !path.is_beyond_near() && self.is_complete(path);
+        if !ends_there || lights.may_meet(&path.ray) {
+            return Some(self.world.closest_hit(&path.ray));
+        }
+        if path.lost_m > 0.0 {
+            let near = self.world.closest_hit(&Ray { t_max: path.lost_m, ..path.ray });
+            if near.is_some() {
+                return Some(near);
+            }
+        }
+        let shadow_ray = ShadowRay { ray: path.ray, light: None };
+        (lights.has_environment() && !self.world.is_occluded(&shadow_ray)).then_some(None)
     }
 
     /// Takes the path to the surface that its ray met, collects light there and scatters. False when the path has ended.

@@ -18,7 +18,7 @@ pub(in crate::transport) use self::environment::EnvironmentLight;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::tree::{LightBounds, LightTree};
 use crate::{
-    accel::{Accel, SurfacePoint},
+    accel::{Accel, Ray, SurfacePoint},
     math::{Rgb, warp},
     scene::{LightKind, Scene},
 };
@@ -219,6 +219,11 @@ impl Lights {
         self.environment.as_ref()
     }
 
+    /// Light comes from outside the scene.
+    pub fn has_environment(&self) -> bool {
+        self.environment.is_some()
+    }
+
     /// Number of emissive triangles.
     pub fn emissive_triangle_count(&self) -> usize {
         self.emissive_triangles
@@ -234,6 +239,11 @@ impl Lights {
         self.local.len() * size_of::<LocalLight>()
             + self.tree.bytes()
             + self.environment.as_ref().map_or(0, EnvironmentLight::bytes)
+    }
+
+    /// False when nothing that emits lies on the ray; the environment does not count.
+    pub fn may_meet(&self, ray: &Ray) -> bool {
+        self.emissive_triangles > 0 && self.tree.may_meet(ray)
     }
 
     fn infinite_count(&self) -> usize {

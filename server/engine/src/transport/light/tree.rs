@@ -6,6 +6,8 @@
 
 use glam::Vec3;
 
+use crate::accel::Ray;
+
 /// What a light, or a group of lights, can do to a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LightBounds {
@@ -144,6 +146,12 @@ pub(super) struct LightTree {
 /// Depth below which splits halve the lights: 2⁻²⁴ of two billion lights leaves fewer than 40 levels more.
 const MEDIAN_DEPTH: u32 = 24;
 const BUCKETS: usize = 12;
+/// Second children that wait while a ray goes through the first ones, at most.
+const STACK: usize = 64;
+/// Share of a box by which it is widened, …
+const WIDER_BOX: f32 = 1e-4;
+/// … and share of how far from the middle of the scene it or the ray lies.
+const WIDER_PLACE: f32 = 1e-6;
 
 impl LightTree {
     /// A tree over `(light index, bounds)`; lights without power are not part of it.
@@ -203,6 +211,41 @@ impl LightTree {
                 probability *= second;
                 at = node.next as usize;
             }
+        }
+    }
+
+    /// False when the ray passes by the boxes of all lights. Boxes are widened by more than rounding moves a hit.
+    pub(super) fn may_meet(&self, ray: &Ray) -> bool {
+        let inverse = ray.direction.recip();
+        let passes = |bounds: &LightBounds| {
+            let room = WIDER_BOX * (bounds.max - bounds.min).max_element()
+                + WIDER_PLACE * bounds.min.abs().max(bounds.max.abs()).max(ray.origin.abs()).max_element();
+            let [t0, t1] =
+                [bounds.min - room, bounds.max + room].map(|corner| (corner - ray.origin) * inverse);
+            // Along an axis that the ray does not move on, 0 · ∞ is no number, and minimum and maximum pass over it.
+            let (near, far) = (t0.min(t1).max_element(), t0.max(t1).min_element());
+            near > far || far < 0.0
+        };
+        let mut waiting = [0u32; STACK];
+        let mut count = 0;
+        let mut at = 0;
+        loop {
+            let Some(node) = self.nodes.get(at) else { return false };
+            if !passes(&node.bounds) {
+                // Deeper than any tree of so many lights: better a ray too many.
+                if node.is_leaf || count == STACK {
+                    return true;
+                }
+                waiting[count] = node.next;
+                count += 1;
+                at += 1;
+                continue;
+            }
+            if count == 0 {
+                return false;
+            }
+            count -= 1;
+            at = waiting[count] as usize;
         }
     }
 
@@ -320,6 +363,29 @@ mod tests {
             (i, bounds)
         });
         LightTree::build(lights.collect())
+    }
+
+    /// A ray at a light is never said to pass all of them by, and most rays are said to.
+    #[test]
+    fn rays_at_lights_may_meet_them() {
+        let tree = lamps(200);
+        let mut passed = 0;
+        for i in 0..4000 {
+            let [x, y, z, w] = point(13, i);
+            let origin = Vec3::new(x, y, z) * 14.0 - 2.0;
+            let leaf = tree.nodes.iter().filter(|node| node.is_leaf).nth((w * 200.0) as usize).unwrap();
+            let [u, v, ..] = point(14, i);
+            let at = leaf.bounds.min.lerp(leaf.bounds.max, u);
+            for direction in [at - origin, (at - origin).normalize(), (at - origin) * 1e-4] {
+                assert!(tree.may_meet(&Ray::new(origin, direction)), "{i}");
+            }
+            // Along an axis, in the plane of a face.
+            let beside = Vec3::new(leaf.bounds.min.x, at.y, -5.0);
+            assert!(tree.may_meet(&Ray::new(beside, Vec3::Z)));
+            passed += u32::from(!tree.may_meet(&Ray::new(origin, crate::math::warp::sphere([u, v]))));
+        }
+        assert!(passed > 3000, "{passed}");
+        assert!(!LightTree::default().may_meet(&Ray::new(Vec3::ZERO, Vec3::X)));
     }
 
     /// Probabilities of all lights add up to one at every point that any light can reach, and are those of sampling.
