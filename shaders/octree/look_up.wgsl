@@ -1,4 +1,4 @@
-// What the light octree knows of the light that falls on a surface: `technique/octree/mod.rs`, `LightOctree::scattered`,
+// What the light octree knows of the light that falls on a surface: `technique/octree/look_up.rs`, `LightOctree::scattered`,
 // of `technique/octree/upload.rs`'s words.
 
 struct OctreeHeader {
@@ -16,7 +16,8 @@ struct OctreeHeader {
     /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
     lost_blurs: f32,
     lost_max_m: f32,
-    padding_0: u32,
+    /// Share of a group beyond its wall.
+    behind_share: f32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -31,8 +32,8 @@ struct LightSet {
     caustic_reach: f32,
     /// How far indirect light is blurred, m.
     blur_m: f32,
-    /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
-    chord_rms: f32,
+    /// How widely photons of indirect light lie around their lights, of even light.
+    evenness: f32,
     /// 1: nothing stands near that could hide its light.
     is_alone: u32,
     /// A plane, beyond which it counts for next to nothing.
@@ -48,10 +49,7 @@ struct LightSet {
 
 const NO_CELL: u32 = 0xffffffffu;
 const CELL_IS_LEAF: u32 = 0x80000000u;
-/// `octree/mod.rs`.
-const BEHIND_SHARE: f32 = 1e-3;
 /// `octree/drawing.rs`.
-const CHORD_EVEN: f32 = 0.84;
 const DRAW_TRIES: u32 = 16u;
 const DRAW_STEPS: vec2f = vec2f(0.7548777, 0.5698403);
 const PER_CHANCE_MAX: f32 = 1e30;
@@ -194,14 +192,13 @@ fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
     let end = light_sets[drawn.leaf_set].first_caustic_vdl;
     let chosen = octahedral_decode(vdls[drawn.index].x);
     let frame = frame_around(n_facing);
-    let width = light_sets[drawn.leaf_set].chord_rms / CHORD_EVEN;
-    let share = min(width * width * f32(end - first), 1.0);
+    let evenness = light_sets[drawn.leaf_set].evenness;
     var direction = chosen;
     for (var number = 0u; number < DRAW_TRIES; number++) {
         let u = fract(turn + DRAW_STEPS * f32(number));
         let even = frame_to_world(frame, cosine_hemisphere(u));
         if is_nearest(drawn.index, even, first, end) {
-            direction = chosen + (even - chosen) * share;
+            direction = chosen + (even - chosen) * evenness;
             break;
         }
     }
@@ -249,7 +246,7 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
             continue;
         }
         let wall = light_sets[like.index].wall;
-        weight *= like.share * select(1.0, BEHIND_SHARE, dot(wall.xyz, p) > wall.w);
+        weight *= like.share * select(1.0, octree.behind_share, dot(wall.xyz, p) > wall.w);
         total += weight;
         blurs_m += light_sets[like.index].blur_m * weight;
         let first = light_sets[like.index].first_vdl;

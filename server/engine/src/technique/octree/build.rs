@@ -6,10 +6,10 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS, ShadedVdl,
-    Softness,
+    LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
+    look_up::{ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
     tree::Nodes,
     voxels::{Cube, Expected, VoxelSet, Voxels},

@@ -6,7 +6,7 @@ use crate::math::{Frame, warp::cosine_hemisphere};
 
 /// Root mean square chord between the directions of even light and the lights that stand for it, times the root of how many they
 /// are: 0.89 for two to eight of k-means of 300 photons, a little less so that noise keeps even light even.
-pub(super) const CHORD_EVEN: f32 = 0.84;
+const CHORD_EVEN: f32 = 0.84;
 /// Directions that are tried for a light before its own is taken.
 pub(super) const TRIES: u32 = 16;
 /// Steps between them, of the plastic number: fractional parts are spread evenly over the square.
@@ -62,19 +62,27 @@ impl DrawnLight {
     }
 }
 
+/// How widely photons lie around their lights, in [0, 1]: 1 where as widely as in even light. Closer ones draw a direction in towards
+/// its light: Sponza's nave is 9.5 % systematic so, 9.7 % with nothing drawn in, and 9.0 % with four tenths of the way everywhere,
+/// which furnaces forbid.
+///
+/// - `chord_rms`: from the photons to their lights, of unit vectors
+pub(super) fn evenness_of(chord_rms: f32, light_count: usize) -> f32 {
+    ((chord_rms / CHORD_EVEN).powi(2) * light_count as f32).min(1.0)
+}
+
 /// A direction that photons of a light may have come from: one of those nearer to it than to the group's other lights, by the
 /// cosine with the surface, so that in even light all directions together are cosine-distributed and corners of a furnace stay
-/// even. Photons that lie closer around their lights than that draw it in towards the light: Sponza's nave is 9.5 % systematic
-/// so, 9.7 % with nothing drawn in, and 9.0 % with four tenths of the way everywhere, which furnaces forbid.
+/// even.
 ///
 /// - `lights`: directions of the group's lights
 /// - `chosen`: which
-/// - `chord_rms`: from the photons to their lights, of unit vectors
+/// - `evenness`: how far from the light towards such a direction, see [`evenness_of`]
 /// - `turn`: random numbers
 pub(super) fn direction_of(
     lights: impl Iterator<Item = Vec3> + Clone,
     chosen: Vec3,
-    chord_rms: f32,
+    evenness: f32,
     n_facing: Vec3,
     [u, v]: [f32; 2],
 ) -> Vec3 {
@@ -85,8 +93,7 @@ pub(super) fn direction_of(
         let nearness = direction.dot(chosen);
         lights.clone().all(|light| light.dot(direction) <= nearness).then_some(direction)
     });
-    let share = (chord_rms / CHORD_EVEN).powi(2) * lights.count() as f32;
-    let direction = even.map_or(chosen, |even| chosen.lerp(even, share.min(1.0))).normalize_or(chosen);
+    let direction = even.map_or(chosen, |even| chosen.lerp(even, evenness)).normalize_or(chosen);
     let below = direction.dot(n_facing).min(0.0);
     direction - 2.0 * below * n_facing
 }
@@ -130,7 +137,13 @@ mod tests {
 
     fn drawn_of(lights: &[Vec3], chosen: usize, chord_rms: f32, n_facing: Vec3, index: u32) -> Vec3 {
         let [_, u, v, _] = point(2, index);
-        let direction = direction_of(lights.iter().copied(), lights[chosen], chord_rms, n_facing, [u, v]);
+        let direction = direction_of(
+            lights.iter().copied(),
+            lights[chosen],
+            evenness_of(chord_rms, lights.len()),
+            n_facing,
+            [u, v],
+        );
         assert!((direction.length() - 1.0).abs() < 1e-5 && direction.dot(n_facing) > -1e-6, "{direction}");
         direction
     }

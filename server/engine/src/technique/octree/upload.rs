@@ -1,6 +1,9 @@
 //! The octree packed for the GPU.
 
-use super::{LOST_BLURS, LightOctree, PackedVdl, Vdl};
+use super::{
+    LightOctree, PackedVdl, Vdl,
+    look_up::{BEHIND_SHARE, LOST_BLURS},
+};
 use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
 
 impl LightOctree {
@@ -13,7 +16,7 @@ impl LightOctree {
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
-        let sets = self.sets.iter().zip(&self.gathers).map(|(set, gather)| GpuLightSet {
+        let sets = self.sets.iter().enumerate().map(|(place, set)| GpuLightSet {
             normal: set.normal.into(),
             plane_m: set.plane_m,
             first_vdl: set.first_vdl[0],
@@ -22,7 +25,7 @@ impl LightOctree {
             reach: set.softness[0].reach,
             caustic_reach: set.softness[1].reach,
             blur_m: set.blur_m,
-            chord_rms: gather.chord_rms[0],
+            evenness: self.evenness_of(place),
             is_alone: u32::from(set.is_alone),
             wall: set.wall.0.into(),
         });
@@ -41,7 +44,7 @@ impl LightOctree {
                 blur_max_m: self.radius_max_m,
                 lost_blurs: LOST_BLURS,
                 lost_max_m: self.lost_max_m(),
-                padding_0: 0,
+                behind_share: BEHIND_SHARE,
             },
             words,
             sets: sets.collect(),

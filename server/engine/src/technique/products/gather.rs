@@ -10,7 +10,8 @@
 //!
 //! Where light changes within r, r is narrowed [Lepski1991]: estimates over a third of the photons, a ninth and so on blur
 //! less and are noisier by a known amount, and the widest counts that agrees with all narrower ones within their noise. That
-//! keeps the spot of light beside a dark wall off the wall, where few photons would draw the radius into the spot.
+//! keeps the spot of light beside a dark wall off the wall, where few photons would draw the radius into the spot. Nothing counts
+//! beyond walls that the caller names (`walls.rs`).
 
 use std::{cmp::Ordering, num::NonZeroUsize, sync::Arc};
 

@@ -28,8 +28,8 @@ pub struct GpuOctreeHeader {
     pub lost_blurs: f32,
     /// See there, m.
     pub lost_max_m: f32,
-    /// Nothing.
-    pub padding_0: u32,
+    /// Share of a group beyond its wall.
+    pub behind_share: f32,
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.
@@ -52,8 +52,8 @@ pub struct GpuLightSet {
     pub caustic_reach: f32,
     /// How far indirect light is blurred, m.
     pub blur_m: f32,
-    /// Between photons of indirect light and their lights, root mean square chord of unit vectors.
-    pub chord_rms: f32,
+    /// How widely photons of indirect light lie around their lights, of even light.
+    pub evenness: f32,
     /// 1: nothing stands near that could hide its light.
     pub is_alone: u32,
     /// A plane, beyond which it counts for next to nothing: direction, distance of the plane from the origin along it, m.

@@ -135,7 +135,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             blur_max_m,
             lost_blurs,
             lost_max_m,
-            padding_0,
+            behind_share,
         }
     );
     assert_same_layout!(
@@ -150,7 +150,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             reach,
             caustic_reach,
             blur_m,
-            chord_rms,
+            evenness,
             is_alone,
             wall,
         }
