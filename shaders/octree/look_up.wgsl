@@ -18,6 +18,11 @@ struct OctreeHeader {
     lost_max_m: f32,
     /// Share of a group beyond its wall.
     behind_share: f32,
+    /// Share of a group within a wall.
+    within_share: f32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -246,7 +251,8 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
             continue;
         }
         let wall = light_sets[like.index].wall;
-        weight *= like.share * select(1.0, octree.behind_share, dot(wall.xyz, p) > wall.w);
+        let behind_share = select(octree.behind_share, octree.within_share, wall.w < -1e38);
+        weight *= like.share * select(1.0, behind_share, dot(wall.xyz, p) > wall.w);
         total += weight;
         blurs_m += light_sets[like.index].blur_m * weight;
         let first = light_sets[like.index].first_vdl;

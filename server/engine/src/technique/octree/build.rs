@@ -15,6 +15,7 @@ use super::{
     voxels::{Cube, Expected, VoxelSet, Voxels},
 };
 use crate::{
+    accel::Ray,
     math::sobol::mix,
     technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId, WallSearch, Walls},
     transport::{PathClass, World},
@@ -27,6 +28,9 @@ const STEP_CELLS: usize = 1024;
 const LIFT_CELLS: f32 = 0.25;
 /// Walls are looked for at least so far, in sides of a cell: from the middle of a cell to its corners, and half a blur on.
 const LOOK_CELLS: f32 = 1.5;
+
+/// Where so many photons would fall in even light and none does, it is dark.
+const DARK_COUNT: f32 = 8.0;
 
 /// The light of one group of a cell.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -266,6 +270,7 @@ impl Building {
         let is_kept = |(place, (old, new)): (usize, (&VoxelSet, &VoxelSet))| {
             let light = &octree.gathers[first + place];
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
+                && old.is_alone == new.is_alone
                 && same_sides(old, new)
                 && !reused.is_moved_within(self.look_m(), new.centre)
                 && !(0..MAPPED.len()).any(|class| {
@@ -294,7 +299,7 @@ impl Building {
             return SetLight::dark(self.radius_max_m);
         }
         let start = Instant::now();
-        let around = Walls::around(world.accel(), &self.search_around(set, key));
+        let walls = Walls::around(world.accel(), &self.search_around(set, key));
         counts.gather_seconds += start.elapsed().as_secs_f64();
         let bounds = GatherBounds {
             centre: set.centre,
@@ -304,22 +309,27 @@ impl Building {
             count_max: self.settings.neighbours_max,
             radius_max_m: self.radius_max_m,
             count_narrow: self.settings.neighbours_narrow,
-            walls: around.walls,
+            walls,
         };
         let mut light = SetLight {
-            is_alone: set.is_alone && around.is_open,
-            walls: NearWalls::of(&around.walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
+            is_alone: set.is_alone,
+            walls: NearWalls::of(&walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
             ..SetLight::default()
         };
         for (index, class) in MAPPED.into_iter().enumerate() {
             let start = Instant::now();
             self.photons.maps.gather(class, sides, &bounds, &mut bench.gather);
+            light.reach_m[index] = bench.gather.reach_m;
+            if let Some(dark_m2) = bench.gather.dark_m2.filter(|_| class == PathClass::Indirect) {
+                // Nothing falls before the walls. Where a few photons might have, that is known; in a niche it is not.
+                light.walls = Some(NearWalls::WITHIN);
+                if self.even_count(dark_m2) < DARK_COUNT {
+                    let without = GatherBounds { walls: Walls::default(), ..bounds };
+                    self.photons.maps.gather(class, sides, &without, &mut bench.gather);
+                }
+            }
             let gathered = Instant::now();
             light.radius_m[index] = bench.gather.radius_m;
-            light.reach_m[index] = bench.gather.reach_m;
-            if class == PathClass::Indirect && bench.gather.is_from_behind {
-                light.walls = Some(NearWalls::WITHIN);
-            }
             counts.photons += bench.gather.photons.len() as u64;
             counts.gather_seconds += (gathered - start).as_secs_f64();
             if bench.gather.photons.is_empty() {
@@ -342,7 +352,17 @@ impl Building {
             counts.cluster_seconds += gathered.elapsed().as_secs_f64();
         }
         let is_dark = light.harmonics.is_none() && light.vdls.iter().all(Vec::is_empty);
-        if is_dark { SetLight::dark(self.radius_max_m) } else { light }
+        if is_dark {
+            let within = light.walls.filter(|walls| *walls == NearWalls::WITHIN);
+            return SetLight { walls: within, ..SetLight::dark(self.radius_max_m) };
+        }
+        light
+    }
+
+    /// Photons that fall on so much area if all lie evenly on everything.
+    fn even_count(&self, area_m2: f32) -> f32 {
+        let even_m = self.radius_max_m / RADIUS_MAX_EVEN;
+        self.settings.neighbours_min.get() as f32 * area_m2 / (std::f32::consts::PI * even_m * even_m)
     }
 
     fn search_around(&self, set: &VoxelSet, key: u64) -> WallSearch {
@@ -353,7 +373,6 @@ impl Building {
             lift_m: LIFT_CELLS * cell_m,
             radius_m: self.look_m() - LIFT_CELLS * cell_m,
             turn: mix(key) as u32 as f32 / u32::MAX as f32,
-            looks_up: set.is_alone,
         }
     }
 
@@ -363,24 +382,30 @@ impl Building {
         self.radius_max_m.max(LOOK_CELLS * cell_m) + LIFT_CELLS * cell_m
     }
 
-    /// Groups within walls, and those that walls keep from others with other light.
-    fn parted_sets(&self) -> Vec<(usize, Parting)> {
+    /// What keeps each group from others with other light.
+    fn partings(&self, world: &World) -> Vec<Parting> {
         let sets = self.light.iter().zip(&self.voxels.sets);
         let irradiance: Vec<f32> = sets.map(|(light, set)| light.irradiance(set.normal)).collect();
         let walls: Vec<Option<NearWalls>> = self.light.iter().map(|light| light.walls).collect();
-        parted(&self.voxels, &walls, &irradiance)
+        let lift_m = LIFT_CELLS * self.voxels.cube.cell_m();
+        let lifted = |set: &VoxelSet| set.centre + set.normal * lift_m;
+        parted(&self.voxels, &walls, &irradiance, |here, there| {
+            let (from, to) = (lifted(here), lifted(there));
+            let ray = Ray { t_max: 1.0, ..Ray::new(from, to - from) };
+            world.accel().is_occluded(&ray, |_| true)
+        })
     }
 
     /// The finished octree.
-    pub(super) fn finish(self) -> LightOctree {
-        let parted_sets = self.parted_sets();
+    pub(super) fn finish(self, world: &World) -> LightOctree {
+        let partings = self.partings(world);
         let mut sets = Vec::with_capacity(self.light.len());
         let mut gathers = Vec::with_capacity(self.light.len());
         let mut vdls: Vec<Vdl> = Vec::new();
         let mut shaded = Vec::new();
         let mut harmonics = Vec::new();
         let mut walls = Vec::new();
-        for (light, set) in self.light.into_iter().zip(&self.voxels.sets) {
+        for ((light, set), wall) in self.light.into_iter().zip(&self.voxels.sets).zip(partings) {
             if self.settings.leaf == LeafKind::Harmonics {
                 harmonics.push(light.harmonics.unwrap_or_default());
             }
@@ -405,7 +430,7 @@ impl Building {
                 softness,
                 blur_m: light.radius_m[0],
                 is_alone: light.is_alone,
-                wall: Parting::NONE,
+                wall,
             });
             gathers.push(LeafGather {
                 radius_m: light.radius_m,
@@ -413,9 +438,6 @@ impl Building {
                 chord_rms,
                 walls: light.walls.map(|_| place),
             });
-        }
-        for (place, wall) in parted_sets {
-            sets[place].wall = wall;
         }
         // Harmonics do not say of which class they are empty.
         let has_caustics =

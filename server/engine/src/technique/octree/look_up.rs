@@ -75,9 +75,6 @@ impl Around {
     }
 }
 
-/// Share of a group whose light a wall keeps off.
-pub(super) const BEHIND_SHARE: f32 = 1e-3;
-
 impl LightOctree {
     /// What lies nearer than this is lost where light is blurred so far, m. A coarse octree's blur is larger than what the photons
     /// will show in the end; to trace all that is lost in it would be path tracing.
@@ -126,8 +123,7 @@ impl LightOctree {
             let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
             let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
             // Of a group whose light is kept off by a wall only where there is no other.
-            let of_side = if self.sets[set].wall.is_behind(p) { BEHIND_SHARE } else { 1.0 };
-            let weight = weight * share * of_side;
+            let weight = weight * share * self.sets[set].wall.share_at(p);
             around.sets[around.count] = (weight, set);
             around.count += 1;
             total += weight;

@@ -382,7 +382,7 @@ impl Technique for OctreeBuilding {
             self.building = Some(building);
             return Progress { counts: Counts::default(), complete: false };
         }
-        let octree = Arc::new(building.finish());
+        let octree = Arc::new(building.finish(step.world));
         self.octree = Some(octree.clone());
         step.products.secondary = Some(octree);
         Progress { counts: Counts::default(), complete: self.is_complete(&photons) }

@@ -6,11 +6,16 @@
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::voxels::Voxels;
+use super::voxels::{VoxelSet, Voxels};
 use crate::technique::{LIKE_COS, Walls};
 
 /// Groups whose irradiances differ by more than this are parted: less is left to blend, since a plane goes on where its wall ends.
 const PARTED_TIMES: f32 = 2.0;
+
+/// Share of a group whose light a wall keeps off …
+pub(super) const BEHIND_SHARE: f32 = 1e-6;
+/// … and of one that lies within a wall.
+pub(super) const WITHIN_SHARE: f32 = 1e-3;
 
 /// A plane that keeps a group from what lies behind it: unit direction away from the group, and how far along it from the origin the
 /// plane lies, m.
@@ -23,8 +28,19 @@ impl Parting {
     /// The group lies within a wall: everything is behind that.
     const ALL: Parting = Parting(Vec4::new(0.0, 0.0, 0.0, -f32::MAX));
 
+    /// How much a group counts at `p`. Beyond its wall less than one within a wall, which often has no light: in a room that is dark all
+    /// over those are what there is.
     #[inline]
-    pub(super) fn is_behind(self, p: Vec3) -> bool {
+    pub(super) fn share_at(self, p: Vec3) -> f32 {
+        match (self.is_behind(p), self.0.w < 0.5 * Parting::ALL.0.w) {
+            (false, _) => 1.0,
+            (true, true) => WITHIN_SHARE,
+            (true, false) => BEHIND_SHARE,
+        }
+    }
+
+    #[inline]
+    fn is_behind(self, p: Vec3) -> bool {
         self.behind_m(p) > 0.0
     }
 
@@ -58,52 +74,53 @@ impl NearWalls {
     }
 }
 
-/// The groups that walls keep from others with other light, each with the nearest of these walls.
+/// Of each group the nearest wall that keeps it from another with other light, `[groups]`.
 ///
 /// - `walls`: `[groups]`, around each
 /// - `irradiance`: `[groups]`, W/m²
+/// - `is_between`: something stands between two groups; the plane of a wall goes on where the wall ends, in a doorway
 pub(super) fn parted(
     voxels: &Voxels,
     walls: &[Option<NearWalls>],
     irradiance: &[f32],
-) -> Vec<(usize, Parting)> {
+    is_between: impl Fn(&VoxelSet, &VoxelSet) -> bool + Sync,
+) -> Vec<Parting> {
     let of_cell = |cell: usize| {
-        let mut found: Vec<(usize, Parting)> = Vec::new();
-        if !walls[voxels.places_of(cell)].iter().any(Option::is_some) {
-            return found;
-        }
         let around = voxels.cells_around(cell);
         let others: Vec<usize> = around.into_iter().flat_map(|cell| voxels.places_of(cell)).collect();
-        for place in voxels.places_of(cell) {
-            let Some(NearWalls(near)) = walls[place] else { continue };
-            if near[0] == Parting::ALL {
-                found.push((place, near[0]));
-                continue;
+        let of_place = |place: usize| {
+            if walls[place] == Some(NearWalls::WITHIN) {
+                return Parting::ALL;
             }
             let here = &voxels.sets[place];
-            for wall in near {
-                let is_kept_from = |other: &usize| {
-                    let there = &voxels.sets[*other];
-                    wall.is_behind(there.centre)
-                        && here.normal.dot(there.normal) > LIKE_COS
-                        && differ(irradiance[place], irradiance[*other])
-                };
-                let first = found.len();
-                found.extend(others.iter().copied().filter(is_kept_from).map(|other| (other, wall.turned())));
-                if found.len() > first {
-                    found.push((place, wall));
+            let mut nearest = (f32::INFINITY, Parting::NONE);
+            for other in &others {
+                let there = &voxels.sets[*other];
+                if here.normal.dot(there.normal) <= LIKE_COS || !differ(irradiance[place], irradiance[*other])
+                {
+                    continue;
+                }
+                let own = near(walls[place]).filter(|wall| wall.is_behind(there.centre));
+                let its =
+                    near(walls[*other]).map(Parting::turned).filter(|wall| wall.is_behind(there.centre));
+                let distance = |wall: &Parting| -wall.behind_m(here.centre);
+                let found = own.chain(its).map(|wall| (distance(&wall), wall));
+                let nearer = found.filter(|(distance_m, _)| (0.0..nearest.0).contains(distance_m));
+                if let Some(wall) = nearer.min_by(|a, b| a.0.total_cmp(&b.0))
+                    && is_between(here, there)
+                {
+                    nearest = wall;
                 }
             }
-        }
-        found
+            nearest.1
+        };
+        voxels.places_of(cell).map(of_place).collect::<Vec<Parting>>()
     };
-    let mut found: Vec<(usize, Parting)> =
-        (0..voxels.codes.len()).into_par_iter().flat_map_iter(of_cell).collect();
-    // Neighbours name the same wall over and over.
-    let distance_m = |(place, wall): &(usize, Parting)| -wall.behind_m(voxels.sets[*place].centre);
-    found.sort_by(|a, b| a.0.cmp(&b.0).then(distance_m(a).total_cmp(&distance_m(b))));
-    found.dedup_by_key(|(place, _)| *place);
-    found
+    (0..voxels.codes.len()).into_par_iter().flat_map_iter(of_cell).collect()
+}
+
+fn near(walls: Option<NearWalls>) -> impl Iterator<Item = Parting> {
+    walls.into_iter().filter(|walls| *walls != NearWalls::WITHIN).flat_map(|walls| walls.0)
 }
 
 fn differ(a: f32, b: f32) -> bool {

@@ -2,7 +2,8 @@
 
 use super::{
     LightOctree, PackedVdl, Vdl,
-    look_up::{BEHIND_SHARE, LOST_BLURS},
+    look_up::LOST_BLURS,
+    parting::{BEHIND_SHARE, WITHIN_SHARE},
 };
 use crate::technique::{GpuLightSet, GpuOctreeHeader, PackedLight};
 
@@ -45,6 +46,10 @@ impl LightOctree {
                 lost_blurs: LOST_BLURS,
                 lost_max_m: self.lost_max_m(),
                 behind_share: BEHIND_SHARE,
+                within_share: WITHIN_SHARE,
+                padding_0: 0,
+                padding_1: 0,
+                padding_2: 0,
             },
             words,
             sets: sets.collect(),

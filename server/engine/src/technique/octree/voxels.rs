@@ -138,7 +138,7 @@ pub(super) struct VoxelSet {
     /// Mean position.
     pub(super) centre: Vec3,
     pub(super) area_m2: f32,
-    /// It is one plane, and nothing else in its cell faces another way or lies elsewhere.
+    /// It is one plane, and nothing in its cell or those around faces another way or lies elsewhere.
     pub(super) is_alone: bool,
     /// Its sides, in [`Voxels::sides`].
     pub(super) first_side: u32,
@@ -193,6 +193,7 @@ impl Voxels {
             area_m2: 0.0,
         };
         voxels.group(surfaces);
+        voxels.tell_from_alone();
         voxels.join_small(surfaces, expected);
         voxels
     }
@@ -229,6 +230,28 @@ impl Voxels {
             set.first_side = self.sides.len() as u32;
             set.side_count = sides.len() as u32;
             self.sides.append(&mut sides);
+        }
+    }
+
+    /// Groups beside which something else lies in a cell nearby are not alone.
+    fn tell_from_alone(&mut self) {
+        let is_alone: Vec<bool> = (0..self.codes.len())
+            .into_par_iter()
+            .map(|cell| {
+                let sets = self.sets_of(cell);
+                let is_like = |other: &VoxelSet| {
+                    let off_m = sets[0].normal.dot(other.centre - sets[0].centre).abs();
+                    other.is_alone
+                        && sets[0].normal.dot(other.normal).abs() >= FLAT_COS
+                        && off_m <= FLAT_CELLS * self.cube.cell_m()
+                };
+                let around = || self.cells_around(cell);
+                sets[0].is_alone && around().into_iter().flat_map(|cell| self.sets_of(cell)).all(is_like)
+            })
+            .collect();
+        for (cell, is_alone) in is_alone.into_iter().enumerate() {
+            let places = self.places_of(cell);
+            self.sets[places].iter_mut().for_each(|set| set.is_alone = is_alone);
         }
     }
 

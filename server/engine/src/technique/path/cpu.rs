@@ -165,7 +165,9 @@ impl Tracer<'_> {
     fn goes_to(&self, path: &Path<'_>, tally: &mut impl Tally) -> Option<Option<Hit>> {
         tally.ray(&path.ray);
         let lights = self.world.lights();
-        let ends_there = !path.is_beyond_near() && self.is_complete(path);
+        // What shows its colour unlit is seen in mirrors, and is no light.
+        let is_scattered = path.class != PathClass::Emitted;
+        let ends_there = is_scattered && !path.is_beyond_near() && self.is_complete(path);
         if !ends_there || lights.may_meet(&path.ray) {
             return Some(self.world.closest_hit(&path.ray));
         }

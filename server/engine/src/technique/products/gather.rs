@@ -71,8 +71,8 @@ pub struct Gather {
     pub reach_m: f32,
     /// The surfaces within that radius.
     facets: Facets,
-    /// Nothing fell before the walls: for want of others, photons from behind them were taken.
-    pub is_from_behind: bool,
+    /// Where photons fell behind the walls only: the area before them that caught none, m².
+    pub dark_m2: Option<f32>,
     near: Vec<Near>,
     /// How many photons walls kept out of the last search.
     behind_count: usize,
@@ -177,7 +177,7 @@ impl PhotonMaps {
     pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
         gather.photons.clear();
         gather.near.clear();
-        gather.is_from_behind = false;
+        gather.dark_m2 = None;
         gather.facets = Facets::default();
         gather.radius_m = 0.0;
         gather.reach_m = 0.0;
@@ -190,14 +190,12 @@ impl PhotonMaps {
         }
         let maps = &self.sides[class];
         self.search(class, sides, bounds, gather);
-        if gather.near.is_empty() && gather.behind_count > 0 {
-            // Within a wall, or where no light falls: better some light than none.
-            let without = GatherBounds { walls: Walls::default(), ..*bounds };
-            self.gather(MAPPED[class], sides, &without, gather);
-            gather.is_from_behind = true;
-            return;
-        }
         if gather.near.is_empty() {
+            if gather.behind_count > 0 {
+                let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
+                let before = sides.iter().map(|side| self.surfaces.within(*side, bounds, reach).area_m2);
+                gather.dark_m2 = Some(before.sum());
+            }
             return;
         }
         // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
@@ -248,7 +246,11 @@ impl PhotonMaps {
             count_max = bounds.count_min.get();
         }
         gather.reach_m = gather.radius_m;
-        gather.close_in(count_max);
+        // Where it ended with fewer than asked for because there were enough, the last one defines the radius here as well: what ends
+        // by how many it found finds too many.
+        let count = gather.near.len();
+        let is_early = (1..bounds.count_min.get()).contains(&count) && gather.radius_m < bounds.radius_max_m;
+        gather.close_in(if is_early { count } else { count_max });
     }
 
     /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
@@ -441,11 +443,11 @@ impl Gather {
             if distance2 > radius2 {
                 continue;
             }
-            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
             if bounds.walls.behind_m(photon.position - bounds.centre) > 0.0 {
                 self.behind_count += 1;
                 continue;
             }
+            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
             self.near.push(Near { distance2, side, item: near.item, facing_cos });
         }
     }

@@ -24,7 +24,7 @@ pub use self::{
     packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
-    walls::{Surroundings, WallSearch, Walls},
+    walls::{WallSearch, Walls},
 };
 
 use super::{Card, Counts};

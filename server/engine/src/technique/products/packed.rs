@@ -30,6 +30,14 @@ pub struct GpuOctreeHeader {
     pub lost_max_m: f32,
     /// Share of a group beyond its wall.
     pub behind_share: f32,
+    /// Share of a group within a wall.
+    pub within_share: f32,
+    /// Nothing.
+    pub padding_0: u32,
+    /// Nothing.
+    pub padding_1: u32,
+    /// Nothing.
+    pub padding_2: u32,
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.

@@ -92,6 +92,8 @@ pub struct Lights {
     /// Per instance, the runs of its triangles that emit.
     runs: Vec<Vec<EmissiveRun>>,
     emissive_triangles: usize,
+    /// Largest of the instances that emit: what rounding may move a ray by on its way into mesh space, m.
+    slack_m: f32,
 }
 
 /// What the lights need to know of a material.
@@ -116,12 +118,14 @@ impl Lights {
             environment: EnvironmentLight::of(scene),
             runs: Vec::with_capacity(accel.instances().len()),
             emissive_triangles: 0,
+            slack_m: 0.0,
         };
         let mut bounds = Vec::new();
         for (instance_index, instance) in accel.instances().iter().enumerate() {
             let mut runs = Vec::new();
             for (primitive_index, primitive) in instance.mesh().primitives().iter().enumerate() {
                 let Some(emission) = emission_of(instance_index, primitive_index) else { continue };
+                lights.slack_m = lights.slack_m.max(instance.slack_m());
                 runs.push(EmissiveRun {
                     first_triangle: primitive.first_triangle,
                     triangle_count: primitive.triangle_count,
@@ -243,7 +247,7 @@ impl Lights {
 
     /// False when nothing that emits lies on the ray; the environment does not count.
     pub fn may_meet(&self, ray: &Ray) -> bool {
-        self.emissive_triangles > 0 && self.tree.may_meet(ray)
+        self.emissive_triangles > 0 && self.tree.may_meet(ray, self.slack_m)
     }
 
     fn infinite_count(&self) -> usize {

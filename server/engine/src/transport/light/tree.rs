@@ -146,6 +146,8 @@ pub(super) struct LightTree {
 /// Depth below which splits halve the lights: 2⁻²⁴ of two billion lights leaves fewer than 40 levels more.
 const MEDIAN_DEPTH: u32 = 24;
 const BUCKETS: usize = 12;
+/// Nodes that a ray is asked of before it is traced anyway.
+const VISITS_MAX: usize = 64;
 /// Second children that wait while a ray goes through the first ones, at most.
 const STACK: usize = 64;
 /// Share of a box by which it is widened, …
@@ -214,24 +216,27 @@ impl LightTree {
         }
     }
 
-    /// False when the ray passes by the boxes of all lights. Boxes are widened by more than rounding moves a hit.
-    pub(super) fn may_meet(&self, ray: &Ray) -> bool {
+    /// False when the ray passes by the boxes of all lights.
+    ///
+    /// - `slack_m`: by what transforms may move hits; boxes are widened by that and by more than rounding does
+    pub(super) fn may_meet(&self, ray: &Ray, slack_m: f32) -> bool {
         let inverse = ray.direction.recip();
-        let passes = |bounds: &LightBounds| {
-            let room = WIDER_BOX * (bounds.max - bounds.min).max_element()
+        let passes_by = |bounds: &LightBounds| {
+            let room = slack_m
+                + WIDER_BOX * (bounds.max - bounds.min).max_element()
                 + WIDER_PLACE * bounds.min.abs().max(bounds.max.abs()).max(ray.origin.abs()).max_element();
             let [t0, t1] =
                 [bounds.min - room, bounds.max + room].map(|corner| (corner - ray.origin) * inverse);
-            // Along an axis that the ray does not move on, 0 · ∞ is no number, and minimum and maximum pass over it.
+            // Room keeps the ray off the planes of faces, where 0 · ∞ would be no number.
             let (near, far) = (t0.min(t1).max_element(), t0.max(t1).min_element());
             near > far || far < 0.0
         };
         let mut waiting = [0u32; STACK];
         let mut count = 0;
         let mut at = 0;
-        loop {
+        for _ in 0..VISITS_MAX {
             let Some(node) = self.nodes.get(at) else { return false };
-            if !passes(&node.bounds) {
+            if !passes_by(&node.bounds) {
                 // Deeper than any tree of so many lights: better a ray too many.
                 if node.is_leaf || count == STACK {
                     return true;
@@ -247,6 +252,8 @@ impl LightTree {
             count -= 1;
             at = waiting[count] as usize;
         }
+        // Among so many lights the ray itself is cheaper.
+        true
     }
 
     /// Probability with which [`LightTree::sample`] returns `light`.
@@ -377,15 +384,15 @@ mod tests {
             let [u, v, ..] = point(14, i);
             let at = leaf.bounds.min.lerp(leaf.bounds.max, u);
             for direction in [at - origin, (at - origin).normalize(), (at - origin) * 1e-4] {
-                assert!(tree.may_meet(&Ray::new(origin, direction)), "{i}");
+                assert!(tree.may_meet(&Ray::new(origin, direction), 0.0), "{i}");
             }
             // Along an axis, in the plane of a face.
             let beside = Vec3::new(leaf.bounds.min.x, at.y, -5.0);
-            assert!(tree.may_meet(&Ray::new(beside, Vec3::Z)));
-            passed += u32::from(!tree.may_meet(&Ray::new(origin, crate::math::warp::sphere([u, v]))));
+            assert!(tree.may_meet(&Ray::new(beside, Vec3::Z), 0.0));
+            passed += u32::from(!tree.may_meet(&Ray::new(origin, crate::math::warp::sphere([u, v])), 0.0));
         }
         assert!(passed > 3000, "{passed}");
-        assert!(!LightTree::default().may_meet(&Ray::new(Vec3::ZERO, Vec3::X)));
+        assert!(!LightTree::default().may_meet(&Ray::new(Vec3::ZERO, Vec3::X), 0.0));
     }
 
     /// Probabilities of all lights add up to one at every point that any light can reach, and are those of sampling.

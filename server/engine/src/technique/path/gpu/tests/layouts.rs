@@ -136,6 +136,10 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             lost_blurs,
             lost_max_m,
             behind_share,
+            within_share,
+            padding_0,
+            padding_1,
+            padding_2,
         }
     );
     assert_same_layout!(
