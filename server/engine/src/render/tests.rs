@@ -38,6 +38,14 @@ fn world_of(scene: Scene) -> World {
     World::prepare(Arc::new(scene))
 }
 
+/// The world after an edit, and what it changed.
+fn edited(world: &World, edit: impl FnOnce(&mut SceneBuilder)) -> (World, SceneChange) {
+    let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+    edit(&mut builder);
+    let (scene, change) = builder.finish();
+    (world.update(Arc::new(scene), &change), change)
+}
+
 /// Photons and octree without the rounds of [`Illumination`], which would begin again where an edit changes much.
 struct Caches {
     photons: PhotonTracing,
@@ -400,10 +408,7 @@ fn edits_beside_walls_leave_what_a_fresh_build_would_make() {
         ("no wall", |builder| builder.remove_node("wall").unwrap()),
     ];
     for (name, edit) in edits {
-        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
-        edit(&mut builder);
-        let (scene, change) = builder.finish();
-        let next = world.update(Arc::new(scene), &change);
+        let (next, change) = edited(&world, edit);
         kept.apply(&Edit { before: &world, after: &next, change: &change });
         world = next;
         kept.step_until_complete(&world);
@@ -444,10 +449,9 @@ fn probing_finds_what_nobody_announced() {
     let settings = settings(8_000, 4);
     let mut light = Caches::complete(settings, &world);
     assert_eq!(light.photons.probe(&world).diverged, 0, "nothing changed");
-    let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
-    builder.set_transform("tall block", DAffine3::from_translation(DVec3::new(0.3, 0.0, 0.3))).unwrap();
-    let (scene, change) = builder.finish();
-    let moved = world.update(Arc::new(scene), &change);
+    let (moved, _) = edited(&world, |builder| {
+        builder.set_transform("tall block", DAffine3::from_translation(DVec3::new(0.3, 0.0, 0.3))).unwrap();
+    });
     let mut rounds = 0;
     let mut diverged = 0;
     // A group has 8,000 / 72 photons, to a fifth: after so many rounds each was asked.
@@ -511,10 +515,7 @@ fn rounds_end_in_the_same_light() {
     ];
     let mut world = world;
     for (name, edit) in edits {
-        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
-        edit(&mut builder);
-        let (scene, change) = builder.finish();
-        let next = world.update(Arc::new(scene), &change);
+        let (next, change) = edited(&world, edit);
         kept.apply(&Edit { before: &world, after: &next, change: &change });
         world = next;
         let counts = kept.edit_counts();
@@ -565,10 +566,9 @@ fn an_edit_between_rounds_leaves_a_fresh_build() {
     while kept.known().is_none() {
         kept.step(&world, &never);
     }
-    let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
-    builder.set_material(id("white".into()), Material::lambert(Rgb::new(0.98, 0.98, 0.98))).unwrap();
-    let (scene, change) = builder.finish();
-    let next = world.update(Arc::new(scene), &change);
+    let (next, change) = edited(&world, |builder| {
+        builder.set_material(id("white".into()), Material::lambert(Rgb::new(0.98, 0.98, 0.98))).unwrap();
+    });
     kept.apply(&Edit { before: &world, after: &next, change: &change });
     let mut fresh = Illumination::new(settings);
     for illumination in [&mut kept, &mut fresh] {

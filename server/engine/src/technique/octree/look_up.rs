@@ -141,7 +141,7 @@ impl LightOctree {
     /// much it is to count, in (0, 1].
     #[inline]
     fn set_like(&self, leaf: usize, p: Vec3, n: Vec3) -> Option<(usize, f32)> {
-        let range = self.voxels.first_set[leaf] as usize..self.voxels.first_set[leaf + 1] as usize;
+        let range = self.voxels.places_of(leaf);
         let mut best = None;
         let mut best_score = f32::NEG_INFINITY;
         for (place, set) in range.clone().zip(&self.sets[range]) {

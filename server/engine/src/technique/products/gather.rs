@@ -249,7 +249,7 @@ impl PhotonMaps {
         // Where it ended with fewer than asked for because there were enough, the last one defines the radius here as well: what ends
         // by how many it found finds too many.
         let count = gather.near.len();
-        let is_early = (1..bounds.count_min.get()).contains(&count) && gather.radius_m < bounds.radius_max_m;
+        let is_early = (2..bounds.count_min.get()).contains(&count) && gather.radius_m < bounds.radius_max_m;
         gather.close_in(if is_early { count } else { count_max });
     }
 
