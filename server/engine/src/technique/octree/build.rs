@@ -9,7 +9,7 @@ use super::{
     LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
     harmonics::Harmonics,
-    look_up::{ShadedVdl, Softness},
+    lights::{self, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
     tree::Nodes,
     voxels::{Cube, Expected, VoxelSet, Voxels},
@@ -416,17 +416,18 @@ impl Building {
             });
             let chord_rms = light.spread.map(|spread| spread.chord_rms);
             let softness = chord_rms.map(Softness::of);
-            shaded.extend((shaded.len()..vdls.len()).map(|place| {
-                let class = usize::from(place >= first[1] as usize);
-                ShadedVdl::of(&vdls[place], set.normal, softness[class])
-            }));
+            let first_block = shaded.len() as u32;
+            for (class, end) in [(0, first[1] as usize), (1, vdls.len())] {
+                let of_class = vdls[first[class] as usize..end].iter();
+                let ready = of_class.map(|vdl| ShadedVdl::of(vdl, set.normal, softness[class]));
+                lights::push(&mut shaded, ready);
+            }
             let place = walls.len() as u32;
             walls.extend(light.walls);
             sets.push(LeafSet {
-                normal: set.normal,
-                plane_m: set.normal.dot(set.centre),
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
+                first_block,
                 softness,
                 blur_m: light.radius_m[0],
                 is_alone: light.is_alone,
@@ -443,6 +444,8 @@ impl Building {
         let has_caustics =
             !harmonics.is_empty() || sets.iter().any(|set: &LeafSet| set.first_vdl[1] < set.end_vdl);
         let sheet_m = SHEET_CELLS * self.voxels.cube.cell_m();
+        let sheet_of = |set: &VoxelSet| set.normal.extend(set.normal.dot(set.centre));
+        let sheets = self.voxels.sets.iter().map(sheet_of).collect();
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
         LightOctree {
             settings: self.settings,
@@ -452,6 +455,7 @@ impl Building {
             per_sheet_m2: 1.0 / (sheet_m * sheet_m),
             nodes,
             sets,
+            sheets,
             gathers,
             walls,
             vdls,

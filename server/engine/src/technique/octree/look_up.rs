@@ -6,61 +6,15 @@ use std::f32::consts::FRAC_1_PI;
 use glam::{IVec3, Vec3};
 
 use super::{
-    CARD, Harmonics, LeafSet, LightOctree, PackedVdl, RADIUS_MAX_EVEN, Vdl,
+    CARD, Harmonics, LightOctree, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
+    lights::{Irradiance, Lights, ShadedVdl, Softness, blocks_of},
 };
 use crate::{
     math::Rgb,
     technique::{Card, LIKE_COS, LitFrom, PackedLight, ScatteredLight, SecondaryLight},
     transport::{Bsdf, Surface},
 };
-
-/// A light made ready for shading.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ShadedVdl {
-    pub(super) direction: Vec3,
-    /// Irradiance over the softened cosine with its group: see [`Softness`].
-    pub(super) scaled: Rgb,
-}
-
-impl ShadedVdl {
-    pub(super) fn of(vdl: &Vdl, n_set: Vec3, softness: Softness) -> ShadedVdl {
-        // Photons are counted on surfaces that lean to either side of the group's normal.
-        let cos = softness.cos(n_set.dot(vdl.direction)).max(GRAZING);
-        // As a card unpacks it: a light drawn of thirty by their weights would else often be another one there.
-        let scaled = Vdl { direction: vdl.direction, irradiance: vdl.irradiance * (1.0 / cos) };
-        let Vdl { direction, irradiance } = PackedVdl::pack(&scaled).unpack();
-        ShadedVdl { direction, scaled: irradiance }
-    }
-}
-
-/// How gently the cosine with a light ends below the horizon: a light stands for photons from around its direction, some of
-/// which still reach a surface that has turned away from it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Softness {
-    pub(super) reach: f32,
-}
-
-impl Softness {
-    /// Where photons lie `chord_rms` around their light: with a deviation of σ = chord / √2 to either side, a normal
-    /// distribution has a mean cosine of σ / √(2π) at the horizon, and next to none 1.6 σ below it.
-    pub(super) fn of(chord_rms: f32) -> Softness {
-        let reach = 2.0 * chord_rms / std::f32::consts::PI.sqrt();
-        Softness { reach: reach.clamp(SOFTNESS_MIN, 1.0) }
-    }
-
-    /// The mean of max(cos, 0) over the light's photons, about.
-    #[inline]
-    fn cos(self, cos: f32) -> f32 {
-        let above = (cos + self.reach).max(0.0);
-        if cos > self.reach { cos } else { above * above * (0.25 / self.reach) }
-    }
-}
-
-/// Softens lights of a single direction.
-const SOFTNESS_MIN: f32 = 4.0 * GRAZING;
-/// Least soft cosine of a light with its group: that on the horizon.
-const GRAZING: f32 = 0.1;
 
 /// The groups around a point that face like its surface, with their weights, which sum to 1 unless there is none.
 #[derive(Clone, Copy, Debug)]
@@ -89,12 +43,17 @@ impl LightOctree {
 
     /// Of the photons of a group's indirect light around its lights.
     pub(super) fn evenness_of(&self, set: usize) -> f32 {
-        evenness_of(self.gathers[set].chord_rms[0], self.lights_of(&self.sets[set]).len())
+        evenness_of(self.gathers[set].chord_rms[0], self.lights_of(set, 0).count)
     }
 
-    /// Lights of indirect light as shading asks for them.
-    fn lights_of(&self, set: &LeafSet) -> &[ShadedVdl] {
-        &self.shaded[set.first_vdl[0] as usize..set.first_vdl[1] as usize]
+    /// Lights of a group by class, as shading asks for them.
+    #[inline]
+    pub(super) fn lights_of(&self, set: usize, class: usize) -> Lights<'_> {
+        let set = &self.sets[set];
+        let counts = [set.first_vdl[1] - set.first_vdl[0], set.end_vdl - set.first_vdl[1]];
+        let first = set.first_block + if class == 0 { 0 } else { blocks_of(counts[0]) };
+        let blocks = &self.shaded[first as usize..(first + blocks_of(counts[class])) as usize];
+        Lights { blocks, count: counts[class] as usize, softness: set.softness[class] }
     }
 
     /// The groups around `p` that face like `n`.
@@ -144,10 +103,10 @@ impl LightOctree {
         let range = self.voxels.places_of(leaf);
         let mut best = None;
         let mut best_score = f32::NEG_INFINITY;
-        for (place, set) in range.clone().zip(&self.sets[range]) {
-            let cos = set.normal.dot(n);
+        for (place, sheet) in range.clone().zip(&self.sheets[range]) {
+            let cos = sheet.dot(n.extend(0.0));
             if cos > LIKE_COS {
-                let off_m = set.normal.dot(p) - set.plane_m;
+                let off_m = sheet.dot(p.extend(-1.0));
                 let squared = off_m * off_m * self.per_sheet_m2;
                 if cos - squared > best_score {
                     best_score = cos - squared;
@@ -193,6 +152,11 @@ impl SecondaryLight for LightOctree {
         let shading = Shading { surface, wo_local: surface.frame.to_local(wo), n_shade };
         let around = self.around(surface.point.position, n_facing);
         let mut sums = [Rgb::BLACK; 2];
+        let mut irradiance = [Irradiance::default(); 2];
+        let lambert = match surface.bsdf {
+            Bsdf::Lambert { albedo } => Some(albedo),
+            _ => None,
+        };
         let mut blur_m = 0.0;
         let mut is_alone = true;
         for &(weight, place) in around.sets() {
@@ -205,10 +169,17 @@ impl SecondaryLight for LightOctree {
                 continue;
             }
             is_alone &= set.is_alone;
-            sums[0] += shading.response(self.lights_of(set), set.softness[0]) * weight;
-            let caustic = &self.shaded[set.first_vdl[1] as usize..set.end_vdl as usize];
-            if !caustic.is_empty() {
-                sums[1] += shading.response(caustic, set.softness[1]) * weight;
+            for class in 0..1 + usize::from(set.end_vdl > set.first_vdl[1]) {
+                let lights = self.lights_of(place, class);
+                match lambert {
+                    Some(_) => lights.add_irradiance(n_shade, weight, &mut irradiance[class]),
+                    None => sums[class] += shading.response(lights) * weight,
+                }
+            }
+        }
+        if let Some(albedo) = lambert {
+            for (sum, irradiance) in sums.iter_mut().zip(irradiance) {
+                *sum += albedo * irradiance.total() * FRAC_1_PI;
             }
         }
         let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m };
@@ -231,22 +202,21 @@ impl LightOctree {
     ) -> Option<LitFrom> {
         let mut drawing = DrawnLight::new(choice);
         for &(weight, place) in around.sets() {
-            let set = &self.sets[place];
-            for (light, vdl) in self.lights_of(set).iter().enumerate() {
-                let cos = set.softness[0].cos(shading.n_shade.dot(vdl.direction));
+            let lights = self.lights_of(place, 0);
+            for (light, vdl) in lights.iter().enumerate() {
+                let cos = lights.softness.cos(shading.n_shade.dot(vdl.direction));
                 drawing.offer(vdl.scaled.max_component() * cos * weight, place, light);
             }
         }
         let drawn = drawing.drawn()?;
-        let set = &self.sets[drawn.set];
-        let lights = self.lights_of(set);
-        let light = lights[drawn.light];
+        let lights = self.lights_of(drawn.set, 0);
+        let light = lights.get(drawn.light);
         let evenness = self.evenness_of(drawn.set);
         let directions = lights.iter().map(|vdl| vdl.direction);
         let direction = direction_of(directions, light.direction, evenness, n_facing, [u, v]);
-        let cos = set.softness[0].cos(shading.n_shade.dot(light.direction));
+        let cos = lights.softness.cos(shading.n_shade.dot(light.direction));
         let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);
-        let share = shading.response(&[light], set.softness[0]) * per_chance;
+        let share = shading.response_of(&light, lights.softness) * per_chance;
         Some(LitFrom { direction, share, lost_m })
     }
 }
@@ -273,65 +243,23 @@ impl Shading<'_> {
 
     /// What the diffuse lobe sends to the eye of some lights. They are known by what they bring to their group's normal; a
     /// surface that leans towards a light more than the group gets more of it.
-    #[inline]
-    fn response(&self, vdls: &[ShadedVdl], softness: Softness) -> Rgb {
-        match &self.surface.bsdf {
-            Bsdf::Lambert { albedo } => {
-                let mut sum = Rgb::BLACK;
-                for vdl in vdls {
-                    sum += vdl.scaled * softness.cos(self.n_shade.dot(vdl.direction));
-                }
-                *albedo * sum * FRAC_1_PI
-            }
-            bsdf => {
-                let mut sum = Rgb::BLACK;
-                for vdl in vdls {
-                    let cos = softness.cos(self.n_shade.dot(vdl.direction));
-                    if !(cos > 0.0) {
-                        continue;
-                    }
-                    // From where the light's photons that do arrive come on average: never below the horizon.
-                    let wi = self.surface.frame.to_local(vdl.direction);
-                    let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
-                    let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
-                    sum += f_cos * vdl.scaled * (cos / wi.z.abs());
-                }
-                sum
-            }
-        }
+    fn response(&self, lights: Lights<'_>) -> Rgb {
+        lights.iter().fold(Rgb::BLACK, |sum, vdl| sum + self.response_of(&vdl, lights.softness))
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::sobol::point;
-
-    /// The soft cosine is what photons spread around a light send to a surface on average, wherever the surface turns.
-    #[test]
-    fn softness_is_the_mean_over_a_lights_photons() {
-        for sigma in [0.25f32, 0.4, 0.6] {
-            let photons: Vec<Vec3> = (0..4096)
-                .map(|index| {
-                    let [u, v, ..] = point(7, index);
-                    // Normal deviates by Box and Muller.
-                    let (r, turn) = ((-2.0 * (1.0 - u).ln()).sqrt() * sigma, std::f32::consts::TAU * v);
-                    Vec3::new(r * turn.cos(), r * turn.sin(), 1.0).normalize()
-                })
-                .collect();
-            let squared = photons.iter().map(|photon| (*photon - Vec3::Z).length_squared()).sum::<f32>();
-            let softness = Softness::of((squared / 4096.0).sqrt());
-            // Wide lights are shortened by their spread, which stands in the light's flux already.
-            let shortened = photons.iter().map(|photon| photon.z).sum::<f32>() / 4096.0;
-            for degrees in (0..=180).step_by(10) {
-                let angle = (degrees as f32).to_radians();
-                let n = Vec3::new(angle.sin(), 0.0, angle.cos());
-                let mean = photons.iter().map(|photon| photon.dot(n).max(0.0)).sum::<f32>() / 4096.0;
-                let soft = softness.cos(n.z);
-                let expected = soft * shortened;
-                assert!((expected - mean).abs() < 0.035, "σ {sigma}, {degrees}°: {expected} for {mean}");
+    /// The same of one of them.
+    fn response_of(&self, vdl: &ShadedVdl, softness: Softness) -> Rgb {
+        let cos = softness.cos(self.n_shade.dot(vdl.direction));
+        match &self.surface.bsdf {
+            Bsdf::Lambert { albedo } => *albedo * vdl.scaled * (cos * FRAC_1_PI),
+            _ if !(cos > 0.0) => Rgb::BLACK,
+            bsdf => {
+                // From where the light's photons that do arrive come on average: never below the horizon.
+                let wi = self.surface.frame.to_local(vdl.direction);
+                let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
+                let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
+                f_cos * vdl.scaled * (cos / wi.z.abs())
             }
-            assert!(softness.cos(0.0) > 0.0 && softness.cos(-1.0) == 0.0);
         }
     }
 }

@@ -16,6 +16,7 @@ mod build;
 mod cluster;
 mod drawing;
 mod harmonics;
+mod lights;
 mod look_up;
 mod pack;
 mod parting;
@@ -28,14 +29,14 @@ use std::{
     sync::{Arc, atomic::Ordering},
 };
 
-use glam::Vec3;
+use glam::Vec4;
 
 pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
 
 use self::{
     build::Building,
     cluster::Spread,
-    look_up::{ShadedVdl, Softness},
+    lights::{LightBlock, Softness},
     parting::{NearWalls, Parting},
     tree::Nodes,
     voxels::Voxels,
@@ -139,13 +140,15 @@ pub struct LightOctree {
     per_sheet_m2: f32,
     nodes: Nodes,
     sets: Vec<LeafSet>,
+    /// Of each group the mean plane: its unit normal and how far along that from the origin it lies, m.
+    sheets: Vec<Vec4>,
     /// Of each group.
     gathers: Vec<LeafGather>,
     /// Walls around groups, in their order, of those that have any.
     walls: Vec<NearWalls>,
     vdls: Vec<Vdl>,
     /// `vdls` as shading asks for them.
-    shaded: Vec<ShadedVdl>,
+    shaded: Vec<LightBlock>,
     /// By group, then by class; empty unless that is what is kept.
     harmonics: Vec<[Harmonics; 2]>,
     counts: BuildCounts,
@@ -155,12 +158,11 @@ pub struct LightOctree {
 /// The light of the surfaces of a cell that face about one way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafSet {
-    normal: Vec3,
-    /// Its mean plane's distance from the origin along the normal, m.
-    plane_m: f32,
     /// Where the lights of each class start.
     first_vdl: [u32; 2],
     end_vdl: u32,
+    /// Where its lights start among those for shading.
+    first_block: u32,
     /// By class.
     softness: [Softness; 2],
     /// How far away the photons of indirect light lie, m.
@@ -210,9 +212,10 @@ impl LightOctree {
     /// Memory of nodes, cells, pieces of surface and lights.
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
-            + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
+            + self.sets.len() * (size_of::<LeafSet>() + size_of::<Vec4>() + size_of::<LeafGather>())
             + self.walls.len() * size_of::<NearWalls>()
-            + self.vdls.len() * (size_of::<Vdl>() + size_of::<ShadedVdl>())
+            + self.vdls.len() * size_of::<Vdl>()
+            + self.shaded.len() * size_of::<LightBlock>()
             + self.harmonics.len() * size_of::<[Harmonics; 2]>()
             + self.voxels.bytes()
     }
@@ -225,6 +228,7 @@ impl LightOctree {
             && self.voxels.codes == other.voxels.codes
             && self.voxels.first_set == other.voxels.first_set
             && self.sets == other.sets
+            && self.sheets == other.sheets
             && self.gathers == other.gathers
             && self.walls == other.walls
             && self.vdls == other.vdls

@@ -17,9 +17,9 @@ impl LightOctree {
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
-        let sets = self.sets.iter().enumerate().map(|(place, set)| GpuLightSet {
-            normal: set.normal.into(),
-            plane_m: set.plane_m,
+        let sets = self.sets.iter().zip(&self.sheets).enumerate().map(|(place, (set, sheet))| GpuLightSet {
+            normal: sheet.truncate().into(),
+            plane_m: sheet.w,
             first_vdl: set.first_vdl[0],
             first_caustic_vdl: set.first_vdl[1],
             end_vdl: set.end_vdl,
@@ -30,7 +30,9 @@ impl LightOctree {
             is_alone: u32::from(set.is_alone),
             wall: set.wall.0.into(),
         });
-        let packed = self.shaded.iter().map(|vdl| {
+        let places = (0..self.sets.len()).flat_map(|set| [(set, 0), (set, 1)]);
+        let lights = places.flat_map(|(set, class)| self.lights_of(set, class).iter());
+        let packed = lights.map(|vdl| {
             let packed = PackedVdl::pack(&Vdl { direction: vdl.direction, irradiance: vdl.scaled });
             [packed.direction, packed.irradiance]
         });

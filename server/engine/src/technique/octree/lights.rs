@@ -1,0 +1,175 @@
+//! The lights of all groups as shading asks for them, four side by side.
+
+use glam::{Vec3, Vec4};
+
+use super::{PackedVdl, Vdl};
+use crate::math::Rgb;
+
+/// Lights to a block: a register of numbers.
+const LANES: usize = 4;
+
+/// How gently the cosine with a light ends below the horizon: a light stands for photons from around its direction, some of
+/// which still reach a surface that has turned away from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Softness {
+    pub(super) reach: f32,
+}
+
+impl Softness {
+    /// Where photons lie `chord_rms` around their light: with a deviation of σ = chord / √2 to either side, a normal
+    /// distribution has a mean cosine of σ / √(2π) at the horizon, and next to none 1.6 σ below it.
+    pub(super) fn of(chord_rms: f32) -> Softness {
+        let reach = 2.0 * chord_rms / std::f32::consts::PI.sqrt();
+        Softness { reach: reach.clamp(SOFTNESS_MIN, 1.0) }
+    }
+
+    /// The mean of max(cos, 0) over the light's photons, about.
+    #[inline]
+    pub(super) fn cos(self, cos: f32) -> f32 {
+        let above = (cos + self.reach).max(0.0);
+        if cos > self.reach { cos } else { above * above * (0.25 / self.reach) }
+    }
+
+    /// The same of four.
+    #[inline]
+    fn cosines(self, cos: Vec4) -> Vec4 {
+        let reach = Vec4::splat(self.reach);
+        let above = (cos + reach).max(Vec4::ZERO);
+        Vec4::select(cos.cmpgt(reach), cos, above * above * (0.25 / self.reach))
+    }
+}
+
+/// Softens lights of a single direction.
+const SOFTNESS_MIN: f32 = 4.0 * GRAZING;
+/// Least soft cosine of a light with its group: that on the horizon.
+const GRAZING: f32 = 0.1;
+
+/// A light made ready for shading.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ShadedVdl {
+    pub(super) direction: Vec3,
+    /// Irradiance over the softened cosine with its group: see [`Softness`].
+    pub(super) scaled: Rgb,
+}
+
+impl ShadedVdl {
+    pub(super) fn of(vdl: &Vdl, n_set: Vec3, softness: Softness) -> ShadedVdl {
+        // Photons are counted on surfaces that lean to either side of the group's normal.
+        let cos = softness.cos(n_set.dot(vdl.direction)).max(GRAZING);
+        // As a card unpacks it: a light drawn of thirty by their weights would else often be another one there.
+        let scaled = Vdl { direction: vdl.direction, irradiance: vdl.irradiance * (1.0 / cos) };
+        let Vdl { direction, irradiance } = PackedVdl::pack(&scaled).unpack();
+        ShadedVdl { direction, scaled: irradiance }
+    }
+}
+
+/// Four lights; those that only fill the block bring nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct LightBlock {
+    direction: [Vec4; 3],
+    scaled: [Vec4; 3],
+}
+
+impl LightBlock {
+    fn set(&mut self, lane: usize, vdl: &ShadedVdl) {
+        for axis in 0..3 {
+            self.direction[axis][lane] = vdl.direction[axis];
+            self.scaled[axis][lane] = vdl.scaled[axis];
+        }
+    }
+
+    fn light(&self, lane: usize) -> ShadedVdl {
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| self.direction[axis][lane]);
+        let [r, g, b] = [0, 1, 2].map(|channel: usize| self.scaled[channel][lane]);
+        ShadedVdl { direction: Vec3::new(x, y, z), scaled: Rgb::new(r, g, b) }
+    }
+}
+
+/// Blocks that so many lights fill.
+pub(super) fn blocks_of(count: u32) -> u32 {
+    count.div_ceil(LANES as u32)
+}
+
+/// Appends some lights, from a block of their own on.
+pub(super) fn push(blocks: &mut Vec<LightBlock>, lights: impl IntoIterator<Item = ShadedVdl>) {
+    for (place, vdl) in lights.into_iter().enumerate() {
+        if place % LANES == 0 {
+            blocks.push(LightBlock::default());
+        }
+        blocks.iter_mut().next_back().into_iter().for_each(|block| block.set(place % LANES, &vdl));
+    }
+}
+
+/// The lights of one class of a group.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Lights<'a> {
+    pub(super) blocks: &'a [LightBlock],
+    pub(super) count: usize,
+    pub(super) softness: Softness,
+}
+
+impl<'a> Lights<'a> {
+    pub(super) fn get(&self, place: usize) -> ShadedVdl {
+        self.blocks[place / LANES].light(place % LANES)
+    }
+
+    pub(super) fn iter(self) -> impl Iterator<Item = ShadedVdl> + Clone + 'a {
+        (0..self.count).map(move |place| self.get(place))
+    }
+
+    /// Adds what they bring to what faces `n`, as often as `weight` says.
+    #[inline]
+    pub(super) fn add_irradiance(&self, n: Vec3, weight: f32, sum: &mut Irradiance) {
+        for block in self.blocks {
+            let [x, y, z] = block.direction;
+            let cosines = self.softness.cosines(x * n.x + y * n.y + z * n.z) * weight;
+            for (sum, scaled) in sum.0.iter_mut().zip(block.scaled) {
+                *sum += scaled * cosines;
+            }
+        }
+    }
+}
+
+/// Irradiance in the making: each channel in four parts.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Irradiance([Vec4; 3]);
+
+impl Irradiance {
+    pub(super) fn total(&self) -> Rgb {
+        Rgb::from(self.0.map(Vec4::element_sum))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sobol::point;
+
+    /// The soft cosine is what photons spread around a light send to a surface on average, wherever the surface turns.
+    #[test]
+    fn softness_is_the_mean_over_a_lights_photons() {
+        for sigma in [0.25f32, 0.4, 0.6] {
+            let photons: Vec<Vec3> = (0..4096)
+                .map(|index| {
+                    let [u, v, ..] = point(7, index);
+                    // Normal deviates by Box and Muller.
+                    let (r, turn) = ((-2.0 * (1.0 - u).ln()).sqrt() * sigma, std::f32::consts::TAU * v);
+                    Vec3::new(r * turn.cos(), r * turn.sin(), 1.0).normalize()
+                })
+                .collect();
+            let squared = photons.iter().map(|photon| (*photon - Vec3::Z).length_squared()).sum::<f32>();
+            let softness = Softness::of((squared / 4096.0).sqrt());
+            // Wide lights are shortened by their spread, which stands in the light's flux already.
+            let shortened = photons.iter().map(|photon| photon.z).sum::<f32>() / 4096.0;
+            for degrees in (0..=180).step_by(10) {
+                let angle = (degrees as f32).to_radians();
+                let n = Vec3::new(angle.sin(), 0.0, angle.cos());
+                let mean = photons.iter().map(|photon| photon.dot(n).max(0.0)).sum::<f32>() / 4096.0;
+                let soft = softness.cos(n.z);
+                let expected = soft * shortened;
+                assert!((expected - mean).abs() < 0.035, "σ {sigma}, {degrees}°: {expected} for {mean}");
+            }
+            assert!(softness.cos(0.0) > 0.0 && softness.cos(-1.0) == 0.0);
+        }
+    }
+}
