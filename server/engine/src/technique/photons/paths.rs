@@ -151,6 +151,11 @@ impl Block {
         &self.hits[first..end]
     }
 
+    /// The same; none of a path that it does not have.
+    pub(super) fn hits_of_any(&self, index: usize) -> &[PhotonHit] {
+        if index < self.paths.len() { self.hits_of(index) } else { &[] }
+    }
+
     /// Keeps its first paths.
     fn shorten(&mut self, count: usize) {
         if let Some(gone) = self.paths.get(count) {

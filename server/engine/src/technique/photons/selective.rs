@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::{
     PhotonTracing, counts_of,
-    paths::{BLOCK, Block, BlockName, PhotonPaths, SourcePhotons},
+    paths::{BLOCK, Block, BlockName, PhotonHit, PhotonPaths, SourcePhotons},
     trace::{PhotonTracer, TraceTally},
 };
 use crate::{
@@ -81,8 +81,8 @@ impl Stale {
     pub(super) fn note(&mut self, before: &Block, after: &Block, surfaces: &Surfaces) {
         self.dirty = true;
         let Some(changed) = &mut self.changed else { return };
-        let mut note = |block: &Block, path: usize| {
-            for hit in block.hits_of(path) {
+        let mut note = |hits: &[PhotonHit]| {
+            for hit in hits {
                 let Some(class) = MAPPED.iter().position(|class| *class == hit.class()) else { continue };
                 // Hits on what is gone lie on no side, and need none: its maps are gone with it.
                 if let Some(side) = hit.side().filter(|side| surfaces.holds(*side)) {
@@ -91,16 +91,11 @@ impl Stale {
             }
         };
         for path in 0..before.paths.len().max(after.paths.len()) {
-            let both = path < before.paths.len() && path < after.paths.len();
-            if both && before.hits_of(path) == after.hits_of(path) {
-                continue;
-            }
-            if path < before.paths.len() {
-                note(before, path);
-            }
-            if path < after.paths.len() {
-                note(after, path);
-            }
+            let [lost, won] = [before, after].map(|block| block.hits_of_any(path));
+            // A path that was traced again goes its old way as far as what changed.
+            let same = lost.iter().zip(won).take_while(|(lost, won)| lost == won).count();
+            note(&lost[same..]);
+            note(&won[same..]);
         }
     }
 
