@@ -276,7 +276,8 @@ fn scatter(
         return false;
     }
     if (*path).bounce > ROULETTE_FREE_BOUNCES {
-        let survival = min(max_component((*path).throughput) * (*path).eta_squared, SURVIVAL_MAX);
+        let carried = max_component((*path).throughput) * (*path).eta_squared;
+        let survival = min(sqrt(sqrt(carried)), SURVIVAL_MAX);
         if u.w >= survival {
             return false;
         }

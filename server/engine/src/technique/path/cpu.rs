@@ -499,7 +499,10 @@ impl Path<'_> {
         }
     }
 
-    /// Ends the path with a chance that grows as it carries less, and makes up for it when it goes on.
+    /// Ends the path with a chance that grows as it carries less, and makes up for it when it goes on. Roots make it hesitate for
+    /// three scatterings more before it ends as many as carry less: with what is carried itself, light that finds its way into a
+    /// room late came in few, heavy samples (variance times rays in two-rooms' dark one 145, 101 with the square root, 80 with the
+    /// fourth; in Sponza 121, 105, 97; in Sibenik 8.4, 6.9, 6.4; nowhere more than before).
     fn survives_roulette(&mut self, u: f32) -> bool {
         if self.throughput.is_black() {
             return false;
@@ -508,7 +511,8 @@ impl Path<'_> {
             return true;
         }
         // The scale of radiance inside glass comes back on the way out: it says nothing of what the path carries.
-        let survival = (self.throughput.max_component() * self.eta_squared).min(SURVIVAL_MAX);
+        let carried = self.throughput.max_component() * self.eta_squared;
+        let survival = carried.sqrt().sqrt().min(SURVIVAL_MAX);
         if u >= survival {
             return false;
         }
