@@ -211,6 +211,17 @@ impl Accuracy {
     /// Least `target_error`: a millionth. No picture in single precision is better.
     pub const TARGET_MIN: f32 = 1e-6;
 
+    /// The error that people write as a share or in percent: 0.02, 2% or 2 %; nothing for what is no number from
+    /// [`Accuracy::TARGET_MIN`] on and below 1.
+    pub fn read_target(text: &str) -> Option<f64> {
+        let (number, factor) = match text.trim().strip_suffix('%') {
+            Some(number) => (number.trim_end(), 0.01),
+            None => (text.trim(), 1.0),
+        };
+        let error = number.parse::<f64>().ok()? * factor;
+        (f64::from(Self::TARGET_MIN)..1.0).contains(&error).then_some(error)
+    }
+
     /// √relMSE at which the picture rests; nothing if only the server's bound on samples ends it.
     pub fn target(&self) -> Option<f32> {
         self.preset.map_or(Some(self.target_error), Preset::error)

@@ -64,7 +64,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
             "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
         );
     }
-    report(&args, &statistics, &EffectPlan::of(job.world.scene()))
+    report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))
 }
 
 /// What can be known to be wrong before any work is done.
@@ -450,7 +450,12 @@ fn encode(
     })
 }
 
-fn report(args: &RenderArgs, statistics: &Statistics, plan: &EffectPlan) -> Result<(), CliError> {
+fn report(
+    args: &RenderArgs,
+    statistics: &Statistics,
+    stopped_by: StopReason,
+    plan: &EffectPlan,
+) -> Result<(), CliError> {
     if args.technique() == Indirect::Path && plan.facts.hides_light() {
         eprintln!(
             "warning: path tracing cannot find the light of point, spot and directional lamps by way of mirrors and clear \
@@ -458,12 +463,16 @@ fn report(args: &RenderArgs, statistics: &Statistics, plan: &EffectPlan) -> Resu
              show it"
         );
     }
-    if statistics.stopped_by == StopReason::Best.name() {
+    if stopped_by == StopReason::Best {
         eprintln!(
             "warning: stopped above the error asked for: what is left is not noise but {}'s own error, which more time \
              does not lower; --indirect auto goes on with path tracing",
             statistics.technique
         );
+    }
+    let measured = statistics.error.zip(statistics.error_ci).map(|(error, [_, high])| [error, high]);
+    if let Some(missed) = statistics::missed(stopped_by, args.error, measured) {
+        eprintln!("warning: {missed}");
     }
     let dropped = statistics.counts.dropped_samples;
     if dropped > 0 {

@@ -131,14 +131,9 @@ fn until_of(error: Option<&str>, time: Option<&str>, config: &Config) -> Result<
 }
 
 fn error_of(text: &str) -> Result<f64, HttpProblem> {
-    let (number, factor) = match text.strip_suffix('%') {
-        Some(number) => (number, 0.01),
-        None => (text, 1.0),
-    };
-    match number.parse::<f64>().map(|number| number * factor) {
-        Ok(error) if (f64::from(Accuracy::TARGET_MIN)..1.0).contains(&error) => Ok(error),
-        _ => Err(bad("error", "a fraction from 0.000001 to 1, or percent, such as 0.02 or 2%, or converged")),
-    }
+    let no_error =
+        || bad("error", "a fraction from 0.000001 to 1, or percent, such as 0.02 or 2%, or converged");
+    Accuracy::read_target(text).ok_or_else(no_error)
 }
 
 fn time_of(text: &str, seconds_max: f64) -> Result<Duration, HttpProblem> {

@@ -47,7 +47,7 @@ pub struct RenderArgs {
     pub time: Option<Duration>,
     /// Stop at this error (√relMSE, measured, the upper end of its 95 % interval not a tenth above, and found so again at
     /// pixels taken afresh), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
-    #[arg(long, value_name = "SHARE", value_parser = parse_error)]
+    #[arg(long, value_name = "SHARE", allow_hyphen_values = true, value_parser = parse_error)]
     pub error: Option<f64>,
     /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is
     /// asked for and the picture comes near it, measuring takes at least 20%, and as much as drawing once only doubt
@@ -226,21 +226,13 @@ pub(in crate::cli) fn parse_duration(value: &str) -> Result<Duration, String> {
 }
 
 fn parse_error(value: &str) -> Result<f64, String> {
-    let (number, factor) = match value.strip_suffix('%') {
-        Some(number) => (number, 0.01),
-        None => (value, 1.0),
-    };
-    let error = f64::from_str(number).map_err(|_| format!("{number:?} is not a number"))? * factor;
-    if error >= f64::from(Accuracy::TARGET_MIN) && error < 1.0 {
-        Ok(error)
-    } else {
-        Err("must be from 0.000001 on and below 1 (0.02 or 2% stops at two percent)".into())
-    }
+    Accuracy::read_target(value)
+        .ok_or_else(|| "must be from 0.000001 on and below 1 (0.02 or 2% stops at two percent)".into())
 }
 
 fn parse_measuring(value: &str) -> Result<MeasuringShare, String> {
     let percents = MeasuringShare::PERCENTS;
-    let number = value.strip_suffix('%').unwrap_or(value).parse().ok();
+    let number = value.trim().strip_suffix('%').unwrap_or(value).trim().parse().ok();
     number
         .and_then(MeasuringShare::of_percent)
         .ok_or_else(|| format!("whole percent from {}% to {}%", percents.start(), percents.end()))
@@ -302,6 +294,7 @@ mod tests {
             assert!(parse_duration(bad).is_err(), "{bad}");
         }
         assert_eq!((parse_error("0.02"), parse_error("2%")), (Ok(0.02), Ok(0.02)));
+        assert_eq!(parse_error(" 2 %"), Ok(0.02));
         for bad in ["0", "1", "100%", "-1", "nan", "x"] {
             assert!(parse_error(bad).is_err(), "{bad}");
         }

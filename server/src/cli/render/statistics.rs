@@ -10,6 +10,8 @@ use lumicast_engine::{
 use lumicast_protocol::{Forecast, ForecastRecord};
 use serde::Serialize;
 
+use super::stop::StopReason;
+
 /// The file of `--stats` and the output of `--json`. Keys of parts that did not run are 0 and named in `not_run`.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Statistics {
@@ -222,6 +224,20 @@ pub(super) fn shown_errors(measured: Option<MeasuredError>) -> (Option<f64>, Opt
     (error, interval, measured.and_then(|measured| measured.trimmed).map(f64::sqrt))
 }
 
+/// What to say of a picture that time or samples ended before it surely had the error asked for.
+///
+/// - `measured`: its error and the upper end of the 95 % interval
+pub(super) fn missed(ended: StopReason, target: Option<f64>, measured: Option<[f64; 2]>) -> Option<String> {
+    let target = target.filter(|_| matches!(ended, StopReason::Time | StopReason::Samples))?;
+    let found = match measured {
+        Some([error, _]) if error > target => format!("it is {:.2} %", 100.0 * error),
+        Some([_, high]) => format!("it may still be {:.2} %", 100.0 * high),
+        None => "it is unknown".into(),
+    };
+    let (ended, target) = (ended.name(), 100.0 * target);
+    Some(format!("--{ended} ended it before the error was surely the {target:.2} % asked for: {found}"))
+}
+
 impl Statistics {
     /// One line for people.
     pub(super) fn summary(&self) -> String {
@@ -254,6 +270,21 @@ impl Statistics {
 mod tests {
     use super::*;
     use lumicast_engine::scene::samples;
+
+    /// Whoever asks for an error and does not get it is told; nobody else is.
+    #[test]
+    fn an_error_that_was_missed_is_told() {
+        let told = |ended, target, measured| missed(ended, target, measured).unwrap_or_default();
+        assert!(
+            told(StopReason::Time, Some(0.02), Some([0.05, 0.07])).contains("2.00 % asked for: it is 5.00 %")
+        );
+        let doubtful = told(StopReason::Samples, Some(0.02), Some([0.018, 0.03]));
+        assert!(doubtful.starts_with("--samples") && doubtful.contains("may still be 3.00 %"), "{doubtful}");
+        assert!(told(StopReason::Time, Some(0.02), None).contains("unknown"));
+        assert_eq!(told(StopReason::Time, None, Some([0.05, 0.07])), "");
+        assert_eq!(told(StopReason::Error, Some(0.02), Some([0.019, 0.022])), "");
+        assert_eq!(told(StopReason::Best, Some(0.02), Some([0.05, 0.06])), "");
+    }
 
     /// Options turn effects off and say so; what the scene turned off keeps its own reason.
     #[test]
