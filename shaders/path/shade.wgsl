@@ -276,6 +276,7 @@ fn scatter(
         return false;
     }
     if (*path).bounce > ROULETTE_FREE_BOUNCES {
+        // Roots: see the CPU's.
         let carried = max_component((*path).throughput) * (*path).eta_squared;
         let survival = min(sqrt(sqrt(carried)), SURVIVAL_MAX);
         if u.w >= survival {

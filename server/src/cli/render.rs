@@ -64,6 +64,9 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
             "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
         );
     }
+    if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, rendering.measured_error()) {
+        eprintln!("warning: {missed}");
+    }
     report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))
 }
 
@@ -469,10 +472,6 @@ fn report(
              does not lower; --indirect auto goes on with path tracing",
             statistics.technique
         );
-    }
-    let measured = statistics.error.zip(statistics.error_ci).map(|(error, [_, high])| [error, high]);
-    if let Some(missed) = statistics::missed(stopped_by, args.error, measured) {
-        eprintln!("warning: {missed}");
     }
     let dropped = statistics.counts.dropped_samples;
     if dropped > 0 {

@@ -47,7 +47,7 @@ pub struct RenderArgs {
     pub time: Option<Duration>,
     /// Stop at this error (√relMSE, measured, the upper end of its 95 % interval not a tenth above, and found so again at
     /// pixels taken afresh), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
-    #[arg(long, value_name = "SHARE", allow_hyphen_values = true, value_parser = parse_error)]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, value_parser = parse_error)]
     pub error: Option<f64>,
     /// Percent of the time that measuring the error may take, such as 5%; whole, from 1% to 50%. Where --error is
     /// asked for and the picture comes near it, measuring takes at least 20%, and as much as drawing once only doubt
@@ -227,7 +227,7 @@ pub(in crate::cli) fn parse_duration(value: &str) -> Result<Duration, String> {
 
 fn parse_error(value: &str) -> Result<f64, String> {
     Accuracy::read_target(value)
-        .ok_or_else(|| "must be from 0.000001 on and below 1 (0.02 or 2% stops at two percent)".into())
+        .ok_or_else(|| "must be a number from 0.000001 on and below 1, or percent (0.02, 2% or 2.5%)".into())
 }
 
 fn parse_measuring(value: &str) -> Result<MeasuringShare, String> {

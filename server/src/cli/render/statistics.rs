@@ -224,18 +224,23 @@ pub(super) fn shown_errors(measured: Option<MeasuredError>) -> (Option<f64>, Opt
     (error, interval, measured.and_then(|measured| measured.trimmed).map(f64::sqrt))
 }
 
-/// What to say of a picture that time or samples ended before it surely had the error asked for.
-///
-/// - `measured`: its error and the upper end of the 95 % interval
-pub(super) fn missed(ended: StopReason, target: Option<f64>, measured: Option<[f64; 2]>) -> Option<String> {
+/// What to say of a picture that time or samples ended before it had the error asked for.
+pub(super) fn missed(
+    ended: StopReason,
+    target: Option<f64>,
+    measured: Option<MeasuredError>,
+) -> Option<String> {
     let target = target.filter(|_| matches!(ended, StopReason::Time | StopReason::Samples))?;
     let found = match measured {
-        Some([error, _]) if error > target => format!("it is {:.2} %", 100.0 * error),
-        Some([_, high]) => format!("it may still be {:.2} %", 100.0 * high),
-        None => "it is unknown".into(),
+        Some(measured) if measured.reaches(target) => return None,
+        Some(measured) if measured.error() <= target => {
+            format!("surely: it may still be {:.2} %", 100.0 * measured.error_interval_95()[1])
+        }
+        Some(measured) => format!("found: it is {:.2} %", 100.0 * measured.error()),
+        None => "known".into(),
     };
-    let (ended, target) = (ended.name(), 100.0 * target);
-    Some(format!("--{ended} ended it before the error was surely the {target:.2} % asked for: {found}"))
+    let (ended, target) = (ended.name(), (100.0 * target) as f32);
+    Some(format!("--{ended} ended it before the {target} % asked for were {found}"))
 }
 
 impl Statistics {
@@ -274,16 +279,26 @@ mod tests {
     /// Whoever asks for an error and does not get it is told; nobody else is.
     #[test]
     fn an_error_that_was_missed_is_told() {
-        let told = |ended, target, measured| missed(ended, target, measured).unwrap_or_default();
+        let measured = |errors: [f64; 3]| {
+            let [low, rel_mse, high] = errors.map(|error| error * error);
+            Some(MeasuredError { rel_mse, interval_95: [low, high], ..MeasuredError::NONE })
+        };
+        let told = |ended, target, found| missed(ended, target, found).unwrap_or_default();
+        let wrong = measured([0.04, 0.05, 0.07]);
         assert!(
-            told(StopReason::Time, Some(0.02), Some([0.05, 0.07])).contains("2.00 % asked for: it is 5.00 %")
+            told(StopReason::Time, Some(0.02), wrong).ends_with("the 2 % asked for were found: it is 5.00 %")
         );
-        let doubtful = told(StopReason::Samples, Some(0.02), Some([0.018, 0.03]));
-        assert!(doubtful.starts_with("--samples") && doubtful.contains("may still be 3.00 %"), "{doubtful}");
-        assert!(told(StopReason::Time, Some(0.02), None).contains("unknown"));
-        assert_eq!(told(StopReason::Time, None, Some([0.05, 0.07])), "");
-        assert_eq!(told(StopReason::Error, Some(0.02), Some([0.019, 0.022])), "");
-        assert_eq!(told(StopReason::Best, Some(0.02), Some([0.05, 0.06])), "");
+        assert!(told(StopReason::Time, Some(1e-6), wrong).contains("the 0.0001 % asked for"));
+        let doubtful = told(StopReason::Samples, Some(0.02), measured([0.0, 0.018, 0.03]));
+        assert!(
+            doubtful.starts_with("--samples") && doubtful.contains("surely: it may still be 3.00 %"),
+            "{doubtful}"
+        );
+        assert!(told(StopReason::Time, Some(0.02), None).ends_with("were known"));
+        assert_eq!(told(StopReason::Samples, Some(0.02), measured([0.01, 0.018, 0.0219])), "");
+        assert_eq!(told(StopReason::Time, None, wrong), "");
+        assert_eq!(told(StopReason::Error, Some(0.02), measured([0.01, 0.019, 0.02])), "");
+        assert_eq!(told(StopReason::Best, Some(0.02), wrong), "");
     }
 
     /// Options turn effects off and say so; what the scene turned off keeps its own reason.

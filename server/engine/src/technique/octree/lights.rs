@@ -1,4 +1,5 @@
-//! The lights of all groups as shading asks for them, four side by side.
+//! The lights of all groups as shading asks for them, four side by side, and the soft cosine by which a surface sees them;
+//! `shaders/octree/look_up.wgsl` has the cosine's twin.
 
 use glam::{Vec3, Vec4};
 
@@ -78,6 +79,13 @@ impl LightBlock {
         }
     }
 
+    /// With `n`.
+    #[inline]
+    fn cosines(&self, n: Vec3) -> Vec4 {
+        let [x, y, z] = self.direction;
+        x * n.x + y * n.y + z * n.z
+    }
+
     fn light(&self, lane: usize) -> ShadedVdl {
         let [x, y, z] = [0, 1, 2].map(|axis: usize| self.direction[axis][lane]);
         let [r, g, b] = [0, 1, 2].map(|channel: usize| self.scaled[channel][lane]);
@@ -96,7 +104,9 @@ pub(super) fn push(blocks: &mut Vec<LightBlock>, lights: impl IntoIterator<Item 
         if place % LANES == 0 {
             blocks.push(LightBlock::default());
         }
-        blocks.iter_mut().next_back().into_iter().for_each(|block| block.set(place % LANES, &vdl));
+        if let Some(block) = blocks.last_mut() {
+            block.set(place % LANES, &vdl);
+        }
     }
 }
 
@@ -117,12 +127,21 @@ impl<'a> Lights<'a> {
         (0..self.count).map(move |place| self.get(place))
     }
 
+    /// What each sends on from what faces `n`, in their order: its brightest channel.
+    #[inline]
+    pub(super) fn brightness(self, n: Vec3) -> impl Iterator<Item = f32> + 'a {
+        let of_block = move |block: &LightBlock| {
+            let [r, g, b] = block.scaled;
+            (r.max(g).max(b) * self.softness.cosines(block.cosines(n))).to_array()
+        };
+        self.blocks.iter().flat_map(of_block).take(self.count)
+    }
+
     /// Adds what they bring to what faces `n`, as often as `weight` says.
     #[inline]
     pub(super) fn add_irradiance(&self, n: Vec3, weight: f32, sum: &mut Irradiance) {
         for block in self.blocks {
-            let [x, y, z] = block.direction;
-            let cosines = self.softness.cosines(x * n.x + y * n.y + z * n.z) * weight;
+            let cosines = self.softness.cosines(block.cosines(n)) * weight;
             for (sum, scaled) in sum.0.iter_mut().zip(block.scaled) {
                 *sum += scaled * cosines;
             }
@@ -170,6 +189,46 @@ mod tests {
                 assert!((expected - mean).abs() < 0.035, "σ {sigma}, {degrees}°: {expected} for {mean}");
             }
             assert!(softness.cos(0.0) > 0.0 && softness.cos(-1.0) == 0.0);
+        }
+    }
+
+    /// Of any number of lights of two classes each comes back as it went in, and side by side they bring and send on what they do
+    /// one by one.
+    #[test]
+    fn lights_side_by_side_are_those_one_by_one() {
+        let light = |index: u32| {
+            let [x, y, z, r] = point(5, index);
+            let direction = (Vec3::new(x, y, z) - 0.5).normalize_or(Vec3::Y);
+            ShadedVdl { direction, scaled: Rgb::new(r, 2.0 * x, 0.1 + y) }
+        };
+        let softness = Softness::of(0.6);
+        let n = Vec3::new(0.3, 0.5, -0.8).normalize();
+        for counts in (0..10).flat_map(|first| (0..10).map(move |second| [first, second])) {
+            let pushed = [0, 1].map(|class: usize| {
+                let first = 20 * class as u32;
+                (first..first + counts[class]).map(light).collect::<Vec<_>>()
+            });
+            let mut blocks = vec![LightBlock::default()];
+            pushed.iter().for_each(|lights| push(&mut blocks, lights.iter().copied()));
+            let mut first = 1;
+            for (class, pushed) in pushed.iter().enumerate() {
+                let end = first + blocks_of(counts[class]) as usize;
+                let lights = Lights { blocks: &blocks[first..end], count: pushed.len(), softness };
+                first = end;
+                assert_eq!(&lights.iter().collect::<Vec<_>>(), pushed, "{counts:?}");
+                let cos = |vdl: &ShadedVdl| softness.cos(n.dot(vdl.direction));
+                let expected = pushed.iter().fold(Rgb::BLACK, |sum, vdl| sum + vdl.scaled * cos(vdl) * 0.7);
+                let mut irradiance = Irradiance::default();
+                lights.add_irradiance(n, 0.7, &mut irradiance);
+                let off = (irradiance.total() - expected).to_array().map(f32::abs);
+                assert!(off.iter().all(|off| *off <= 1e-5), "{counts:?}: {irradiance:?} for {expected:?}");
+                let sent: Vec<f32> = lights.brightness(n).collect();
+                assert_eq!(sent.len(), pushed.len());
+                for (sent, vdl) in sent.into_iter().zip(pushed) {
+                    assert!((sent - vdl.scaled.max_component() * cos(vdl)).abs() <= 1e-6);
+                }
+            }
+            assert_eq!(first, blocks.len(), "{counts:?}");
         }
     }
 }

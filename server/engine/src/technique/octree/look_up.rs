@@ -6,7 +6,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::{IVec3, Vec3};
 
 use super::{
-    CARD, Harmonics, LightOctree, RADIUS_MAX_EVEN,
+    CARD, Harmonics, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
     lights::{Irradiance, Lights, ShadedVdl, Softness, blocks_of},
 };
@@ -203,16 +203,18 @@ impl LightOctree {
         let mut drawing = DrawnLight::new(choice);
         for &(weight, place) in around.sets() {
             let lights = self.lights_of(place, 0);
-            for (light, vdl) in lights.iter().enumerate() {
-                let cos = lights.softness.cos(shading.n_shade.dot(vdl.direction));
-                drawing.offer(vdl.scaled.max_component() * cos * weight, place, light);
+            for (light, brightness) in lights.brightness(shading.n_shade).enumerate() {
+                drawing.offer(brightness * weight, place, light);
             }
         }
         let drawn = drawing.drawn()?;
         let lights = self.lights_of(drawn.set, 0);
         let light = lights.get(drawn.light);
         let evenness = self.evenness_of(drawn.set);
-        let directions = lights.iter().map(|vdl| vdl.direction);
+        // Gone over again and again.
+        let mut directions = [Vec3::ZERO; OctreeSettings::VDLS_MAX];
+        directions.iter_mut().zip(lights.iter()).for_each(|(direction, vdl)| *direction = vdl.direction);
+        let directions = directions[..lights.count].iter().copied();
         let direction = direction_of(directions, light.direction, evenness, n_facing, [u, v]);
         let cos = lights.softness.cos(shading.n_shade.dot(light.direction));
         let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);

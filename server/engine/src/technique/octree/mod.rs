@@ -4,8 +4,9 @@
 //! face about one way gathers its nearest photons and keeps them as at most eight virtual directional lights
 //! (`build.rs`, `cluster.rs`). A look-up blends the eight cells around a point, of each only the group that faces like the
 //! surface and whose plane is nearest, renormalised over those that have one [Vivanloc2007]; groups off the surface's plane
-//! count less, and next to nothing where a wall keeps their light off (`parting.rs`). Normal maps bend the answer: every light is weighed by its cosine with the shading normal over that with the
-//! group's, both softened by how far the light's photons spread. A direction can be drawn of the lights there (`drawing.rs`), so
+//! count less, and next to nothing where a wall keeps their light off (`parting.rs`). Normal maps bend the answer: every light is
+//! weighed by its cosine with the shading normal over that with the group's, both softened by how far the light's photons spread
+//! (`lights.rs`). A direction can be drawn of the lights there (`drawing.rs`), so
 //! that whoever asks can see what lies too near to show in the blur.
 //!
 //! **Biased**: light is blurred over the gather and over a cell, and what hides a light near by is taken to hide all of it;

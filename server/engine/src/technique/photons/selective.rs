@@ -92,7 +92,7 @@ impl Stale {
         };
         for path in 0..before.paths.len().max(after.paths.len()) {
             let [lost, won] = [before, after].map(|block| block.hits_of_any(path));
-            // A path that was traced again goes its old way as far as what changed.
+            // Up to its first difference a path that was traced again went its old way: those hits are in the maps as they were.
             let same = lost.iter().zip(won).take_while(|(lost, won)| lost == won).count();
             note(&lost[same..]);
             note(&won[same..]);

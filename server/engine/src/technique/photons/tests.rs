@@ -1,6 +1,7 @@
 //! Laws of photons: where flux starts, and where it ends up.
 
 use std::{
+    collections::HashSet,
     f64::consts::PI,
     sync::{Arc, atomic::AtomicBool},
 };
@@ -11,25 +12,25 @@ use super::{PhotonSettings, PhotonTracing};
 use crate::{
     math::Rgb,
     scene::{
-        Environment, Id, Light, LightKind, Material, Scene,
+        Environment, Id, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{Products, Step, Technique},
+    technique::{Edit, Products, Step, Technique},
     transport::{PathClass, World},
 };
 
 fn traced(scene: Scene, settings: PhotonSettings) -> PhotonTracing {
-    let world = World::prepare(Arc::new(scene));
     let mut tracing = PhotonTracing::new(settings);
+    complete(&World::prepare(Arc::new(scene)), &mut tracing);
+    tracing
+}
+
+fn complete(world: &World, tracing: &mut PhotonTracing) {
     let mut products = Products::default();
     let cancel = AtomicBool::new(false);
-    for _ in 0..10_000 {
-        let mut step = Step { world: &world, products: &mut products, canvas: None, cancel: &cancel };
-        if tracing.step(&mut step).complete {
-            return tracing;
-        }
-    }
-    panic!("no end of it");
+    let mut step = Step { world, products: &mut products, canvas: None, cancel: &cancel };
+    let is_complete = (0..10_000).any(|_| tracing.step(&mut step).complete);
+    assert!(is_complete, "no end of it");
 }
 
 fn emitting(emitted_count: u32) -> PhotonSettings {
@@ -304,4 +305,36 @@ fn more_photons_are_those_of_a_fresh_trace() {
             "{fewer} and {more}: {share} for {expected}"
         );
     }
+}
+
+/// What counts as changed after an edit came or went: hits that a path kept on its way to where it changed are neither.
+#[test]
+fn hits_before_the_change_have_not_changed() {
+    let before = samples::boxes().unwrap();
+    let mut builder = SceneBuilder::from_scene(&before, SceneLimits::default());
+    let there = before.nodes()["blue box"].parent_from_node;
+    builder
+        .set_transform("blue box", DAffine3::from_translation(DVec3::new(0.02, 0.01, 0.0)) * there)
+        .unwrap();
+    let (after, change) = builder.finish();
+    let before = World::prepare(Arc::new(before));
+    let after = before.update(Arc::new(after), &change);
+    let mut tracing = PhotonTracing::new(emitting(4000));
+    complete(&before, &mut tracing);
+    // So few photons that none of them is thinned out: all keep their flux.
+    assert_eq!(tracing.paths().full_count(), tracing.paths().path_count());
+    let places = |tracing: &PhotonTracing| -> HashSet<[u32; 3]> {
+        tracing.paths().hits().map(|(hit, _)| hit.position.to_array().map(f32::to_bits)).collect()
+    };
+    let lost = places(&tracing);
+    tracing.apply(&Edit { before: &before, after: &after, change: &change });
+    assert!(tracing.edit_counts().withdrawn > 100, "{:?}", tracing.edit_counts());
+    complete(&after, &mut tracing);
+    let won = places(&tracing);
+    let changed = tracing.product().changed.clone().unwrap();
+    let changed = changed.iter().flat_map(|of_class| of_class.values().flatten());
+    let changed: Vec<[u32; 3]> = changed.map(|place| place.to_array().map(f32::to_bits)).collect();
+    assert!(changed.len() > 100, "{}", changed.len());
+    let kept = changed.iter().filter(|place| lost.contains(*place) == won.contains(*place)).count();
+    assert_eq!(kept, 0, "of {}", changed.len());
 }
