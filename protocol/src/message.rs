@@ -422,3 +422,20 @@ pub struct Stats {
     #[serde(default)]
     pub forecast_record: ForecastRecord,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Shares and percents are the same errors; what is none, or out of bounds, is nothing.
+    #[test]
+    fn errors_are_read_as_people_write_them() {
+        for text in ["0.02", "2%", "2 %", " 2.0% ", "2e-2"] {
+            let error = Accuracy::read_target(text);
+            assert!(error.is_some_and(|error| (error - 0.02).abs() < 1e-15), "{text:?}: {error:?}");
+        }
+        for text in ["", "%", "2%%", "2,5%", "-2%", "0", "1", "100%", "1e-7", "NaN", "inf", "1e400"] {
+            assert_eq!(Accuracy::read_target(text), None, "{text:?}");
+        }
+    }
+}
