@@ -18,6 +18,7 @@ use lumicast_engine::{
     accel::Ray,
     film::PictureSize,
     math::Rgb,
+    render::{IlluminationSettings, Learner, Learning, Learnt, RenderSettings, Stage},
     scene::{Id, Material, Node, Scene, SceneBuilder, SceneLimits, samples},
     technique::{
         Edit, Products, SecondaryLight, Step, Technique,
@@ -233,6 +234,7 @@ fn edit(world: World, settings: PhotonSettings) {
     }
     let (scene, change) = builder.finish();
     let after = world.update(Arc::new(scene), &change);
+    edit_records(&Edit { before: &world, after: &after, change: &change });
     let octree = OctreeSettings {
         depth_first: 6,
         depth: 6,
@@ -272,4 +274,38 @@ fn edit(world: World, settings: PhotonSettings) {
     if let Some((again, ..)) = best {
         println!("- tracing all photons anew: {:.1} ms, {:.0} times as long", 1e3 * anew, anew / again);
     }
+}
+
+/// What an edit leaves of the records of irradiance of a view, and how long it takes to bring them up to date.
+fn edit_records(edit: &Edit<'_>) {
+    let Some(camera) = edit.before.scene().camera_view(None) else { return };
+    let size = PictureSize::new(320, 180).expect("not empty");
+    let settings = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
+    let learn = |learner: &mut Learner, world: &World| {
+        let (start, never) = (Instant::now(), AtomicBool::new(false));
+        while learner.stage() != Stage::Complete {
+            learner.step(world, &never);
+        }
+        start.elapsed().as_secs_f64()
+    };
+    let fresh = || {
+        let mut learner = Learner::new(Learnt::Records, &settings, IlluminationSettings::of(&settings));
+        learner.look(0, &camera, size);
+        learner
+    };
+    let mut learner = fresh();
+    learn(&mut learner, edit.before);
+    let before = learner.records().count;
+    let start = Instant::now();
+    learner.apply(edit);
+    let applied = start.elapsed().as_secs_f64();
+    let kept = learner.records().count;
+    let again = learn(&mut learner, edit.after);
+    let after = learner.records().count;
+    let anew = learn(&mut fresh(), edit.after);
+    println!(
+        "- moving a small box: {kept} of {before} records stay, told in {:.1} ms with the photons; {after} are of the light of now \
+         after {again:.2} s, anew {anew:.2} s",
+        1e3 * applied
+    );
 }

@@ -365,8 +365,8 @@ impl Illumination {
     }
 
     /// Withdraws what an edit made stale; call before the next [`Illumination::step`]. Where it concerns a great part of
-    /// the photons, the rounds begin again.
-    pub fn apply(&mut self, edit: &Edit<'_>) {
+    /// the photons, the rounds begin again: returns whether they do.
+    pub fn apply(&mut self, edit: &Edit<'_>) -> bool {
         self.photons.apply(edit);
         self.octree.apply(edit);
         // What follows is decided by the scene as it is now.
@@ -376,13 +376,16 @@ impl Illumination {
             self.products.secondary = None;
             self.generation += 1;
             self.begin_round(0, ROUNDS[0].photon_divisor);
-            return;
+            return true;
         }
         let paths = self.photons.paths().path_count();
-        if self.round > 0 && self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64 {
+        let begins_again =
+            self.round > 0 && self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64;
+        if begins_again {
             self.edit_counts = self.photons.edit_counts();
             self.begin_round(0, ROUNDS[0].photon_divisor);
         }
+        begins_again
     }
 
     /// Looks for changes that nobody announced: one photon of every group is traced again.

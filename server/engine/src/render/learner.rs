@@ -25,7 +25,7 @@ use crate::{
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
     },
-    transport::{Source, World},
+    transport::World,
 };
 
 /// Share of the time there is that may go into what records of irradiance are gathered from.
@@ -40,6 +40,9 @@ const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap()
 const MORE: f64 = 1.4;
 /// And for so many more of all records there are at least: all are copied to be shown.
 const COPIED_SHARE: f64 = 0.02;
+/// Of records that an edit left, a share whose light counts as gathered since: they are shown anew when light was gathered for
+/// [`MORE`] times as many.
+const SHOWN_ANEW_SHARE: f64 = 0.25;
 
 /// Photons and octree, and what is gathered from them for those who look, improved step by step and kept through edits.
 #[derive(Debug)]
@@ -50,6 +53,8 @@ pub struct Learner {
     /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
+    /// Records were made with light of before an edit.
+    has_old_records: bool,
     /// Who looks at what.
     gazes: HashMap<u64, (CameraView, PictureSize)>,
     known: Option<Arc<dyn SecondaryLight>>,
@@ -91,6 +96,7 @@ impl Learner {
             of,
             illumination,
             records: None,
+            has_old_records: false,
             gazes: HashMap::new(),
             known: None,
             generation: 0,
@@ -190,6 +196,10 @@ impl Learner {
             let is_better = illumination.step(world, cancel);
             if is_better {
                 self.known = illumination.known().cloned();
+                if let Some(records) = &mut self.records {
+                    records.stand_on(self.known.take());
+                    self.known = Some(records.snapshot());
+                }
                 self.generation += 1;
                 self.epoch += u64::from(std::mem::take(&mut self.is_stale));
                 self.is_of_other_lights = false;
@@ -197,24 +207,8 @@ impl Learner {
             return is_better;
         }
         let start = Instant::now();
-        let records = self.records.get_or_insert_with(|| {
-            let (tracer, base) = tracer_of_records(&self.settings, self.known.clone());
-            #[cfg(feature = "gpu")]
-            let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {
-                Some(gatherer) => Arc::new(ArrivingByGpu::new(tracer, Arc::clone(gatherer))),
-                None => Arc::new(tracer),
-            };
-            #[cfg(not(feature = "gpu"))]
-            let arriving = Arc::new(tracer);
-            let mut records = IrradianceCaching::new(self.of.irradiance, arriving, base);
-            // In an order that does not depend on the map.
-            let mut gazes: Vec<_> = self.gazes.iter().collect();
-            gazes.sort_unstable_by_key(|(key, _)| **key);
-            gazes.into_iter().for_each(|(key, (camera, size))| {
-                records.look(*key, camera, *size);
-            });
-            records
-        });
+        self.light_records();
+        let Some(records) = &mut self.records else { return false };
         let mut step = Step { world, products: &mut Products::default(), canvas: None, cancel };
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
@@ -227,6 +221,35 @@ impl Learner {
             && fresh >= COPIED_SHARE * count as f64
             && 2 * count >= self.shown_records;
         (progress.complete || has_many) && self.shows_all()
+    }
+
+    /// Begins records, or has light gathered anew for those that an edit left.
+    fn light_records(&mut self) {
+        let is_old = std::mem::take(&mut self.has_old_records);
+        if self.records.is_some() && !is_old {
+            return;
+        }
+        let known = self.illumination.as_ref().and_then(Illumination::known).cloned();
+        let (tracer, base) = tracer_of_records(&self.settings, known);
+        #[cfg(feature = "gpu")]
+        let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {
+            Some(gatherer) => Arc::new(ArrivingByGpu::new(tracer, Arc::clone(gatherer))),
+            None => Arc::new(tracer),
+        };
+        #[cfg(not(feature = "gpu"))]
+        let arriving = Arc::new(tracer);
+        if let Some(records) = &mut self.records {
+            records.relight(arriving, base);
+            return;
+        }
+        let mut records = IrradianceCaching::new(self.of.irradiance, arriving, base);
+        // In an order that does not depend on the map.
+        let mut gazes: Vec<_> = self.gazes.iter().collect();
+        gazes.sort_unstable_by_key(|(key, _)| **key);
+        gazes.into_iter().for_each(|(key, (camera, size))| {
+            records.look(*key, camera, *size);
+        });
+        self.records = Some(records);
     }
 
     /// Lets [`Learner::known`] hold all records made so far; true when it is more than it had.
@@ -243,23 +266,46 @@ impl Learner {
         is_more
     }
 
-    /// Withdraws what an edit made stale; call before the next [`Learner::step`]. Records are all made anew, since every one
-    /// may have seen what changed; until then the octree answers.
+    /// Withdraws what an edit made stale; call before the next [`Learner::step`]. Records that saw nothing of it stay, with light of
+    /// before until it is gathered anew; where much of the light changed, and where there are no records, the octree answers.
     pub fn apply(&mut self, edit: &Edit<'_>) {
         let Some(illumination) = &mut self.illumination else { return };
         let before = illumination.generation();
-        illumination.apply(edit);
+        let begins_again = illumination.apply(edit);
         if illumination.generation() != before {
             self.known = illumination.known().cloned();
             self.generation += 1;
         }
         self.is_stale = illumination.stage() != Stage::Complete;
-        self.is_of_other_lights = self.is_stale && (self.is_of_other_lights || !have_same_lights(edit));
-        self.forget_records();
+        self.is_of_other_lights = self.is_stale && (self.is_of_other_lights || !edit.leaves_lights());
+        match self.records.as_mut().filter(|_| !begins_again) {
+            Some(records) => {
+                records.apply(edit);
+                if records.cache().records().is_empty() {
+                    self.forget_records();
+                } else {
+                    self.keep_records();
+                }
+            }
+            None => self.forget_records(),
+        }
+    }
+
+    /// Shows the records that an edit left.
+    fn keep_records(&mut self) {
+        let Some(records) = &self.records else { return };
+        let count = records.cache().records().len();
+        self.has_old_records = true;
+        self.known = Some(records.snapshot());
+        self.generation += 1;
+        (self.shown_count, self.shown_records) = (records.gathered_count(), count);
+        // As if somebody had looked on for a while: what is gathered anew is shown a good part at a time.
+        self.gaze_count = self.shown_count.saturating_sub((SHOWN_ANEW_SHARE * count as f64) as u64);
     }
 
     fn forget_records(&mut self) {
         (self.shown_count, self.shown_records, self.gaze_count) = (0, 0, 0);
+        self.has_old_records = false;
         if self.records.take().is_some() {
             self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();
             self.generation += 1;
@@ -308,22 +354,21 @@ impl Learner {
         self.illumination.as_ref().map(Illumination::counts).unwrap_or_default() + self.record_counts
     }
 
+    /// What makes records, once it has begun.
+    #[cfg(test)]
+    pub(super) fn caching(&self) -> Option<&IrradianceCaching> {
+        self.records.as_ref()
+    }
+
     /// What records took and hold.
     pub fn records(&self) -> RecordReport {
-        let cache = self.records.as_ref().map(IrradianceCaching::cache);
+        let records = self.records.as_ref();
         RecordReport {
             seconds: self.record_seconds,
-            count: cache.map_or(0, |cache| cache.records().len() as u64),
-            bytes: cache.map_or(0, |cache| cache.bytes()),
+            count: records.map_or(0, |records| records.cache().records().len() as u64),
+            bytes: records.map_or(0, IrradianceCaching::bytes),
         }
     }
-}
-
-/// The lights send out the same before and after an edit.
-fn have_same_lights(edit: &Edit<'_>) -> bool {
-    let [before, after] = [edit.before.sources(), edit.after.sources()];
-    let is_same = |(a, b): (&Source, &Source)| a.name() == b.name() && a.emits_like(b);
-    before.len() == after.len() && before.iter().zip(&after).all(is_same)
 }
 
 /// What records of irradiance took and hold.
@@ -333,7 +378,7 @@ pub struct RecordReport {
     pub seconds: f64,
     /// How many there are.
     pub count: u64,
-    /// Bytes of records and their index.
+    /// Bytes of records, their index and what edits ask of them.
     pub bytes: usize,
 }
 

@@ -1,6 +1,7 @@
 //! Laws of photons and octree together [techniques.md].
 
 mod pictures;
+mod records;
 
 use std::{
     num::NonZeroUsize,

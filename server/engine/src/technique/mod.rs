@@ -23,7 +23,7 @@ pub use products::*;
 use crate::{
     film::Film,
     scene::SceneChange,
-    transport::{PathClass, World},
+    transport::{PathClass, Source, World},
 };
 
 /// How an estimate relates to the truth.
@@ -129,6 +129,15 @@ pub struct Edit<'a> {
     pub after: &'a World,
     /// What differs.
     pub change: &'a SceneChange,
+}
+
+impl Edit<'_> {
+    /// The lights send out the same before and after it.
+    pub fn leaves_lights(&self) -> bool {
+        let [before, after] = [self.before.sources(), self.after.sources()];
+        let is_same = |(a, b): (&Source, &Source)| a.name() == b.name() && a.emits_like(b);
+        before.len() == after.len() && before.iter().zip(&after).all(is_same)
+    }
 }
 
 /// What one step achieved.

@@ -11,15 +11,20 @@ use std::{
     time::Instant,
 };
 
+use rayon::prelude::*;
+
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
-    record::GatherBy,
+    record::{GatherBy, Gathered},
+    sight::Sight,
     walk::{Seen, Walk},
 };
 use crate::{
+    accel::TriangleId,
     film::PictureSize,
+    math::Frame,
     scene::CameraView,
-    technique::{Edit, Progress, Step, Technique},
+    technique::{Edit, Progress, Step, Technique, TouchedBoxes, renamed_instances},
     transport::World,
 };
 
@@ -49,14 +54,24 @@ pub struct IrradianceCaching {
     turn: usize,
     /// Records of a view that are being made.
     batch: Option<Batch>,
-    /// Where the records are, in their order, and how often light was gathered for each.
-    places: Vec<(Seen, u32)>,
+    /// Where the records are, in their order.
+    places: Vec<Place>,
     refining: Refining,
     gathered_count: u64,
     /// Of the newest.
     seconds_per_record: Option<f64>,
     /// What is looked at has changed since all records were dropped.
     may_drop: bool,
+}
+
+/// Where a record is.
+#[derive(Debug)]
+struct Place {
+    seen: Seen,
+    /// What its rays may have met.
+    sight: Sight,
+    /// How often light was gathered for it, of the scene as it is.
+    visits: u32,
 }
 
 /// Records that are found missing together and taken in together, so that they do not depend on how many are made in one step.
@@ -66,7 +81,7 @@ struct Batch {
     key: u64,
     places: Vec<Seen>,
     /// Of the first of them.
-    records: Vec<Record>,
+    gathered: Vec<Gathered>,
 }
 
 /// Records whose light was gathered so many times are gathered for again, from a place on.
@@ -77,7 +92,7 @@ struct Refining {
 }
 
 impl Refining {
-    const BEGIN: Refining = Refining { visits: 1, next: 0 };
+    const BEGIN: Refining = Refining { visits: 0, next: 0 };
 }
 
 /// A view whose pixels are to have records.
@@ -164,9 +179,45 @@ impl IrradianceCaching {
         Arc::new(self.cache.clone())
     }
 
+    /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
+    /// that there are.
+    pub fn relight(&mut self, arriving: Arc<dyn ArrivingLight>, base: Option<Arc<dyn SecondaryLight>>) {
+        self.arriving = arriving;
+        self.stand_on(base);
+        self.places.iter_mut().for_each(|place| place.visits = 0);
+        self.refining = Refining::BEGIN;
+    }
+
+    /// Something else answers where no record counts.
+    pub fn stand_on(&mut self, base: Option<Arc<dyn SecondaryLight>>) {
+        self.cache.base = base.clone();
+        self.base = base;
+    }
+
     /// The records so far.
     pub fn cache(&self) -> &IrradianceCache {
         &self.cache
+    }
+
+    /// What would be known in another scene of the light at the same places, gathered for as often.
+    #[cfg(test)]
+    pub(crate) fn gathered_afresh(&self, world: &World) -> Vec<Record> {
+        let never = AtomicBool::new(false);
+        let by = self.gather_by(world, &never);
+        let afresh = |place: &Place| {
+            let points = [place.seen];
+            let mut record = by.gather_all(&points).unwrap().0[0].record;
+            for visit in 1..place.visits {
+                record = by.refine_all((&points, &[record]), visit).unwrap().0[0].record;
+            }
+            record
+        };
+        self.places.iter().map(afresh).collect()
+    }
+
+    /// Memory of records, where they are and what their rays saw.
+    pub fn bytes(&self) -> usize {
+        self.cache.bytes() + self.places.len() * size_of::<Place>()
     }
 
     /// How often light was gathered so far, for records that are there and for others.
@@ -200,31 +251,33 @@ impl IrradianceCaching {
         let mut batch = self.batch.take().unwrap_or_else(|| {
             let view = View::new(step.world, &gaze.camera, gaze.size);
             let places = gaze.walk.missing(step.world, &view, &self.cache, count_max);
-            Batch { key: gaze.key, places, records: Vec::new() }
+            Batch { key: gaze.key, places, gathered: Vec::new() }
         });
         if batch.places.len() > room {
             self.drop_all();
             return Counts::default();
         }
-        let first = batch.records.len();
+        let first = batch.gathered.len();
         let by = self.gather_by(step.world, step.cancel);
         let end = batch.places.len().min(first + self.records_per_step(by));
-        let Some((records, counts)) = by.gather_all(&batch.places[first..end]) else {
+        let Some((gathered, counts)) = by.gather_all(&batch.places[first..end]) else {
             self.batch = Some(batch);
             return Counts::default();
         };
-        self.take_pace(records.len(), start);
-        batch.records.extend(records);
+        self.take_pace(gathered.len(), start);
+        batch.gathered.extend(gathered);
         if end < batch.places.len() {
             self.batch = Some(batch);
             return counts;
         }
-        if !batch.records.is_empty() {
+        if !batch.gathered.is_empty() {
             self.refining = Refining::BEGIN;
         }
-        self.gathered_count += batch.records.len() as u64;
-        batch.records.into_iter().for_each(|record| self.cache.insert(record));
-        self.places.extend(batch.places.into_iter().map(|seen| (seen, 1)));
+        self.gathered_count += batch.gathered.len() as u64;
+        for (seen, Gathered { record, sight }) in batch.places.into_iter().zip(batch.gathered) {
+            self.cache.insert(record);
+            self.places.push(Place { seen, sight, visits: 1 });
+        }
         // Who looked away, or elsewhere, has no walk that this ends.
         let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
         if let Some(index) = looking.filter(|index| self.gazes[*index].walk.is_complete()) {
@@ -259,20 +312,27 @@ impl IrradianceCaching {
         }
     }
 
-    /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
-    /// or the next round.
+    /// After a walk: the next round, or in the last another one where neighbours took away what pixels were covered by that it had
+    /// passed.
     fn after_walk(&mut self, index: usize) {
-        let gaze = &mut self.gazes[index];
         let is_last_round = self.round + 1 == ROUNDS.len();
+        if !is_last_round {
+            self.go_finer();
+        } else {
+            self.gazes[index].is_covered = true;
+            self.walk_again(index);
+        }
+    }
+
+    /// Another walk over every pixel of a view where records count less far than they did on the last one.
+    fn walk_again(&mut self, index: usize) {
+        let gaze = &mut self.gazes[index];
         let has_lost = self.cache.shrunk_count > gaze.shrunk_before;
-        if is_last_round && has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
+        if has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
             gaze.walk = Walk::over_all(gaze.size);
             gaze.shrunk_before = self.cache.shrunk_count;
             gaze.walks_again += 1;
-        } else if !is_last_round {
-            self.go_finer();
-        } else {
-            gaze.is_covered = true;
+            gaze.is_covered = false;
         }
     }
 
@@ -309,18 +369,22 @@ impl IrradianceCaching {
     fn refine_some(&mut self, step: &Step<'_>) -> Counts {
         let start = Instant::now();
         let Refining { visits, next } = self.refining;
-        let is_due = |index: &usize| self.places[*index].1 == visits;
+        let is_due = |index: &usize| self.places[*index].visits == visits;
         let by = self.gather_by(step.world, step.cancel);
         let due: Vec<usize> =
             (next..self.places.len()).filter(is_due).take(self.records_per_step(by)).collect();
-        let points: Vec<Seen> = due.iter().map(|index| self.places[*index].0).collect();
+        let points: Vec<Seen> = due.iter().map(|index| self.places[*index].seen).collect();
         let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
-        let Some((records, counts)) = by.refine_all((&points, &old), visits) else {
+        let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
             return Counts::default();
         };
-        for (index, record) in due.iter().zip(records) {
-            self.cache.records[*index] = record;
-            self.places[*index].1 += 1;
+        let accuracy = self.cache.settings.weighing.accuracy;
+        for (index, Gathered { record, sight }) in due.iter().zip(gathered) {
+            let place = &mut self.places[*index];
+            let known = std::mem::replace(&mut self.cache.records[*index], record);
+            self.cache.shrunk_count += u64::from(record.reach_m(accuracy) < known.reach_m(accuracy));
+            place.sight = if visits == 0 { sight } else { place.sight.union(&sight) };
+            place.visits += 1;
         }
         self.gathered_count += due.len() as u64;
         self.take_pace(due.len(), start);
@@ -328,6 +392,9 @@ impl IrradianceCaching {
             Some(last) => Refining { visits, next: last + 1 },
             None => Refining { visits: visits + 1, next: 0 },
         };
+        if visits == 0 && due.is_empty() {
+            (0..self.gazes.len()).for_each(|index| self.walk_again(index));
+        }
         counts
     }
 }
@@ -348,8 +415,43 @@ impl Technique for IrradianceCaching {
         Progress { counts, complete: self.is_complete() }
     }
 
-    fn apply(&mut self, _edit: &Edit<'_>) {
-        // Every record may have seen what changed.
-        self.drop_all();
+    /// Drops the records whose rays may have met what the edit touched; the rest stay where they are, and light is gathered for them
+    /// anew. Where lights changed all of it is wrong, and while records are still rough there are few.
+    fn apply(&mut self, edit: &Edit<'_>) {
+        if edit.change.leaves_light_alone() {
+            return;
+        }
+        let (before, after) = (edit.before.accel(), edit.after.accel());
+        let is_rough = self.round + 1 < ROUNDS.len();
+        if is_rough || !edit.leaves_lights() || before.origin_in_world() != after.origin_in_world() {
+            self.drop_all();
+            return;
+        }
+        let touched = TouchedBoxes::of(edit);
+        let is_kept: Vec<bool> = self
+            .places
+            .par_iter()
+            .map(|Place { seen, sight, .. }| {
+                let frame = Frame::around(seen.facing.normal);
+                let meets = |touched| sight.meets(seen.point.position, &frame, touched);
+                !touched.boxes().iter().any(meets)
+            })
+            .collect();
+        self.cache.retain(&is_kept);
+        self.cache.rougher = None;
+        let mut kept = is_kept.iter();
+        self.places.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let renamed = renamed_instances(before, after);
+        for place in &mut self.places {
+            place.visits = 0;
+            let on = &mut place.seen.point.on;
+            *on = renamed
+                .get(on.instance as usize)
+                .and_then(|number| *number)
+                .map_or(TriangleId::NONE, |instance| TriangleId { instance, ..*on });
+        }
+        self.batch = None;
+        self.refining = Refining::BEGIN;
+        self.begin_walks();
     }
 }

@@ -11,7 +11,7 @@ use std::{ops::Range, sync::atomic::AtomicBool};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{IrradianceSettings, record::Gradient, walk::Seen};
+use super::{IrradianceSettings, record::Gradient, sight::Sight, walk::Seen};
 use crate::{
     accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
@@ -37,6 +37,8 @@ pub(super) struct Hemisphere {
     nearness: Vec<f32>,
     /// Share of the rays that set out before the triangle.
     before_share: f32,
+    /// How far all of them went.
+    sight: Sight,
 }
 
 /// Samples of one half, cell by cell.
@@ -82,6 +84,7 @@ struct Gathering<'a> {
     sent: u32,
     /// Of those, the ones that set out before the triangle.
     before_count: u32,
+    sight: Sight,
     halves: [Half; 2],
     /// Cells that the next rays of each half go through, which may be named more than once.
     due: [Vec<usize>; 2],
@@ -106,6 +109,7 @@ impl<'a> Gathering<'a> {
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,
             before_count: 0,
+            sight: Sight::NONE,
             halves: [Half::of(cells.len()), Half::of(cells.len())],
             due: [cells.clone(), cells],
         }
@@ -137,6 +141,7 @@ impl<'a> Gathering<'a> {
             for (cell, (GatherRay { ray, .. }, arrived)) in std::mem::take(due).into_iter().zip(&mut brought)
             {
                 let radiance = arrived.radiance;
+                self.sight.add(self.frame.to_local(ray.direction), arrived.distance_m);
                 // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
                 // triangle beside from within at no distance, says nothing of how light changes along the surface.
                 let is_before = ray.direction.dot(self.n_geo) > 0.0;
@@ -173,6 +178,7 @@ impl<'a> Gathering<'a> {
             radiance,
             nearness: nearness.collect(),
             before_share: self.before_count as f32 / self.sent as f32,
+            sight: self.sight,
         }
     }
 
@@ -271,6 +277,10 @@ impl Hemisphere {
         let phi = std::f32::consts::TAU * sectors / self.sectors as f32;
         let (sin, cos) = phi.sin_cos();
         [self.frame.to_world(Vec3::new(cos, sin, 0.0)), self.frame.to_world(Vec3::new(-sin, cos, 0.0))]
+    }
+
+    pub(super) fn sight(&self) -> Sight {
+        self.sight
     }
 
     pub(super) fn irradiance(&self) -> Rgb {

@@ -11,6 +11,7 @@ mod caching;
 mod hemisphere;
 mod index;
 mod record;
+mod sight;
 #[cfg(test)]
 mod tests;
 mod walk;
@@ -188,6 +189,17 @@ impl IrradianceCache {
             record.reach_m(self.settings.weighing.accuracy),
         );
         self.records.push(record);
+    }
+
+    /// Leaves out records, by their places.
+    fn retain(&mut self, is_kept: &[bool]) {
+        let mut kept = is_kept.iter();
+        self.records.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let accuracy = self.settings.weighing.accuracy;
+        self.index = Index::default();
+        for (place, record) in (0..).zip(&self.records) {
+            self.index.insert(place, record.position, record.reach_m(accuracy));
+        }
     }
 
     /// Memory of records and their index.

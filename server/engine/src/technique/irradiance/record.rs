@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::{
     IrradianceSettings,
     hemisphere::{self, Hemisphere},
+    sight::Sight,
     walk::Seen,
 };
 use crate::{
@@ -52,7 +53,7 @@ pub struct Facing {
 
 impl Facing {
     /// Of a surface seen from `wo`.
-    pub(super) fn of(surface: &Surface, wo: Vec3) -> Facing {
+    pub fn of(surface: &Surface, wo: Vec3) -> Facing {
         let towards = |n: Vec3| if wo.dot(n) < 0.0 { -n } else { n };
         Facing { normal: towards(surface.frame.n), n_geo: towards(surface.point.n_geo) }
     }
@@ -139,15 +140,21 @@ impl Record {
         record
     }
 
-    /// Takes in another gathering at the same point, after so many `visits`. How far it counts stays.
-    fn refine(&mut self, visits: u32, hemisphere: &Hemisphere) {
+    /// Takes in another gathering at the same point, after so many `visits`: after none, in place of what was known. It counts no
+    /// farther for it.
+    fn refine(&mut self, visits: u32, newest: Record) {
+        if visits == 0 {
+            let radius_m = self.radius_m.min(newest.radius_m);
+            *self = Record { radius_m, reach_min_m: self.reach_min_m, ..newest };
+            return;
+        }
         let share = 1.0 / (visits as f32 + 1.0);
-        self.irradiance = self.irradiance * (1.0 - share) + hemisphere.irradiance() * share;
+        self.irradiance = self.irradiance * (1.0 - share) + newest.irradiance * share;
         let towards = |gradient: &mut Gradient, newest: Gradient| {
             gradient.iter_mut().zip(newest).for_each(|(mean, newest)| *mean += (newest - *mean) * share);
         };
-        towards(&mut self.turning, hemisphere.turning());
-        towards(&mut self.moving, hemisphere.moving());
+        towards(&mut self.turning, newest.turning);
+        towards(&mut self.moving, newest.moving);
     }
 
     /// Where the light changes faster than the distances around say, the record counts less far: never so far that its
@@ -165,6 +172,14 @@ impl Record {
 /// However far a pixel reaches, records count no farther than this share of the scene's radius for it.
 const REACH_MIN_MAX: f32 = 0.1;
 
+/// A record as it was just gathered.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gathered {
+    pub(super) record: Record,
+    /// How far its rays went.
+    pub(super) sight: Sight,
+}
+
 /// What light is gathered with.
 #[derive(Clone, Copy)]
 pub(super) struct GatherBy<'a> {
@@ -177,10 +192,17 @@ pub(super) struct GatherBy<'a> {
 
 impl GatherBy<'_> {
     /// Gathers at several points at once, in their order; `None` if that was cancelled.
-    pub(super) fn gather_all(self, points: &[Seen]) -> Option<(Vec<Record>, Counts)> {
-        let (hemispheres, counts) = self.hemispheres(points, 0)?;
-        let record = |(seen, hemisphere)| Record::of(self.world, seen, hemisphere, self.settings);
-        Some((points.iter().zip(&hemispheres).map(record).collect(), counts))
+    pub(super) fn gather_all(self, points: &[Seen]) -> Option<(Vec<Gathered>, Counts)> {
+        self.gather(points, 0)
+    }
+
+    fn gather(self, points: &[Seen], visit: u32) -> Option<(Vec<Gathered>, Counts)> {
+        let (hemispheres, counts) = self.hemispheres(points, visit)?;
+        let gathered = |(seen, hemisphere): (_, &Hemisphere)| Gathered {
+            record: Record::of(self.world, seen, hemisphere, self.settings),
+            sight: hemisphere.sight(),
+        };
+        Some((points.iter().zip(&hemispheres).map(gathered).collect(), counts))
     }
 
     /// Gathers once more for records that were gathered for at these points so many times; `None` if that was cancelled.
@@ -188,13 +210,14 @@ impl GatherBy<'_> {
         self,
         (points, records): (&[Seen], &[Record]),
         visits: u32,
-    ) -> Option<(Vec<Record>, Counts)> {
-        let (hemispheres, counts) = self.hemispheres(points, visits)?;
-        let mut records = records.to_vec();
-        for (record, hemisphere) in records.iter_mut().zip(&hemispheres) {
-            record.refine(visits, hemisphere);
+    ) -> Option<(Vec<Gathered>, Counts)> {
+        let (mut gathered, counts) = self.gather(points, visits)?;
+        for (newest, known) in gathered.iter_mut().zip(records) {
+            let mut record = *known;
+            record.refine(visits, newest.record);
+            newest.record = record;
         }
-        Some((records, counts))
+        Some((gathered, counts))
     }
 
     /// Points at which light is gathered together.

@@ -70,7 +70,7 @@ fn record_at(
 ) -> (Record, Counts) {
     let by = GatherBy { world, settings, arriving, cancel: &AtomicBool::new(false) };
     let (records, counts) = by.gather_all(&[Seen { point, facing, pixel_m: 0.0 }]).unwrap();
-    (records[0], counts)
+    (records[0].record, counts)
 }
 
 /// Even light of radiance 1 is an irradiance of π from wherever, and does not change.
@@ -208,7 +208,7 @@ fn more_rays_and_visits_take_noise_away() {
             let by = GatherBy { world: &world, settings: &settings, arriving: &painted, cancel: &cancel };
             for visit in 1..visits {
                 let seen = Seen { point, facing, pixel_m: 0.0 };
-                record = by.refine_all((&[seen], &[record]), visit).unwrap().0[0];
+                record = by.refine_all((&[seen], &[record]), visit).unwrap().0[0].record;
             }
             f64::from(record.irradiance.r)
         });
@@ -367,10 +367,12 @@ fn records_are_named_by_their_place() {
     assert_ne!(a.irradiance, record(&world, 0.31, 0.3, Vec3::Y, 100, &painted).irradiance);
 }
 
-/// Fewer bytes than the 256 that a record may take.
+/// Fewer bytes than the 256 that a record may take, what its rays saw among them.
 #[test]
 fn a_record_is_small() {
     assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
+    let with_bound = size_of::<Record>() + size_of::<sight::Sight>();
+    assert!(with_bound <= 256, "{with_bound}");
 }
 
 /// Steps until nothing more is to be done.

@@ -10,7 +10,6 @@ use std::{
     sync::Arc,
 };
 
-use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{
@@ -19,17 +18,12 @@ use super::{
     trace::{PhotonTracer, TraceTally},
 };
 use crate::{
-    accel::{Accel, Instance},
-    scene::{Aabb, Id},
-    technique::{ChangedPhotons, Edit, MAPPED, PhotonMaps, SideId, SideMap, Surfaces},
+    accel::Accel,
+    technique::{
+        ChangedPhotons, Edit, MAPPED, PhotonMaps, SideId, SideMap, Surfaces, TouchedBoxes, renamed_instances,
+    },
     transport::{SourceName, World},
 };
-
-/// How far a packed direction is off, per length: 0.0037° is 6.5 · 10⁻⁵, and some rounding.
-const ESCAPE_ERROR: f32 = 1e-4;
-
-/// Boxes that segments are held against at most.
-const BOXES_MAX: usize = 64;
 
 /// What an edit cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -139,7 +133,7 @@ impl PhotonTracing {
             self.edit_counts = EditCounts { traced: self.paths.path_count(), ..EditCounts::default() };
             return;
         }
-        let touched = TouchedBoxes::of(touched_bounds(edit));
+        let touched = TouchedBoxes::of(edit);
         let mut counts = self.take_over(edit.after);
         self.rename_instances(before, after);
         self.renew_surfaces(after);
@@ -219,15 +213,8 @@ impl PhotonTracing {
 
     /// Hits name instances by number, and numbers move up when nodes are removed.
     fn rename_instances(&mut self, before: &Accel, after: &Accel) {
-        let numbers: HashMap<&Id, u32> =
-            (0..).zip(after.instances()).map(|(index, instance)| (instance.node_id(), index)).collect();
         // A hit on a mesh that is gone is about to be withdrawn; its triangle means nothing any more.
-        let number_of = |instance: &Instance| {
-            let number = *numbers.get(instance.node_id())?;
-            Arc::ptr_eq(after.instances()[number as usize].mesh(), instance.mesh()).then_some(number)
-        };
-        let renamed: Vec<Option<u32>> =
-            before.instances().iter().map(|instance| number_of(instance)).collect();
+        let renamed = renamed_instances(before, after);
         if (0..).zip(&renamed).all(|(old, new)| Some(old) == *new) {
             return;
         }
@@ -316,109 +303,6 @@ fn goes_its_way(
     tracer.trace(&photons.source, &photons.sequence, number, &mut hits, &mut TraceTally::default());
     let block = &blocks[name.place as usize];
     (index < block.paths.len()).then(|| block.hits_of(index) == hits.as_slice())
-}
-
-/// A box of render space that an edit touched.
-#[derive(Clone, Copy, Debug)]
-struct Touched {
-    middle: Vec3,
-    half: Vec3,
-}
-
-/// Where anything that light can meet was or is, if the edit touched it.
-fn touched_bounds(edit: &Edit<'_>) -> Vec<Touched> {
-    let mut touched = Vec::new();
-    for world in [edit.before, edit.after] {
-        let accel = world.accel();
-        for instance in accel.instances() {
-            let materials = || instance.mesh().primitives().iter().map(|primitive| &primitive.material);
-            let is_touched = edit.change.nodes.contains(instance.node_id())
-                || edit.change.meshes.contains(instance.mesh_id())
-                || materials().any(|material| edit.change.materials.contains(material));
-            if is_touched {
-                touched.push(Touched::around(accel, instance.bounds_in_world(), instance.slack_m()));
-            }
-        }
-    }
-    touched
-}
-
-impl Touched {
-    fn around(accel: &Accel, bounds: &Aabb, slack_m: f32) -> Touched {
-        // Room for the rounding of hits and of this box.
-        let room = Vec3::splat((1e-5 * accel.radius()).max(slack_m).max(f32::MIN_POSITIVE));
-        let to_render = |corner: DVec3| accel.to_render(corner);
-        Touched::between(to_render(bounds.min) - room, to_render(bounds.max) + room)
-    }
-
-    fn between(min: Vec3, max: Vec3) -> Touched {
-        Touched { middle: (min + max) * 0.5, half: (max - min) * 0.5 }
-    }
-
-    /// Around both.
-    fn union(self, other: Touched) -> Touched {
-        let min = (self.middle - self.half).min(other.middle - other.half);
-        Touched::between(min, (self.middle + self.half).max(other.middle + other.half))
-    }
-
-    /// True when the segment meets the box, or comes as near as rounding: no axis of the box and no axis at right angles
-    /// to both sets them apart [Ericson2005, 5.3.3].
-    fn meets(&self, from: Vec3, to: Vec3) -> bool {
-        let middle = (from + to) * 0.5 - self.middle;
-        let half_way = (to - from) * 0.5;
-        let reach = half_way.abs();
-        if middle.abs().cmpgt(self.half + reach).any() {
-            return false;
-        }
-        // Room for parallel segments, whose cross products are all rounding.
-        let reach = reach + reach.max_element() * (4.0 * f32::EPSILON);
-        let apart = middle.cross(half_way).abs();
-        let extent = Vec3::new(
-            self.half.y * reach.z + self.half.z * reach.y,
-            self.half.x * reach.z + self.half.z * reach.x,
-            self.half.x * reach.y + self.half.y * reach.x,
-        );
-        let rounding = middle.abs().max_element() * reach.max_element() * (8.0 * f32::EPSILON);
-        !apart.cmpgt(extent + rounding).any()
-    }
-}
-
-/// The boxes of an edit, and one around them all that most segments miss.
-#[derive(Debug)]
-struct TouchedBoxes {
-    all: Option<Touched>,
-    boxes: Vec<Touched>,
-    /// No box reaches farther from the origin, m.
-    reach_m: f32,
-}
-
-impl TouchedBoxes {
-    fn of(boxes: Vec<Touched>) -> TouchedBoxes {
-        // Of many neighbours in the scene's order a few larger ones: what is withdrawn too much is traced again as it was.
-        let joined = boxes.chunks(boxes.len().div_ceil(BOXES_MAX).max(1));
-        let boxes: Vec<Touched> =
-            joined.filter_map(|some| some.iter().copied().reduce(Touched::union)).collect();
-        let reach = |touched: &Touched| (touched.middle.abs() + touched.half).length();
-        TouchedBoxes {
-            all: boxes.iter().copied().reduce(Touched::union),
-            reach_m: boxes.iter().map(reach).fold(0.0, f32::max),
-            boxes,
-        }
-    }
-
-    /// True when a way from `from` without end, whose direction is off by [`ESCAPE_ERROR`], may meet one of the boxes.
-    fn meet_escape(&self, from: Vec3, direction: Vec3) -> bool {
-        let way_m = 2.0 * (from.length() + self.reach_m);
-        let to = from + direction * way_m;
-        let room = Vec3::splat(way_m * ESCAPE_ERROR);
-        let meets = |touched: &Touched| Touched { half: touched.half + room, ..*touched }.meets(from, to);
-        self.all.as_ref().is_some_and(meets) && self.boxes.iter().any(meets)
-    }
-
-    fn meet(&self, from: Vec3, to: Vec3) -> bool {
-        self.all.is_some_and(|all| all.meets(from, to))
-            && self.boxes.iter().any(|touched| touched.meets(from, to))
-    }
 }
 
 /// A bit for every path of the block that has a segment in one of the boxes.

@@ -7,6 +7,7 @@ mod map;
 mod packed;
 mod patch;
 mod surfaces;
+mod touched;
 mod walls;
 
 use std::{
@@ -24,6 +25,7 @@ pub use self::{
     packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
+    touched::{Touched, TouchedBoxes, renamed_instances},
     walls::{WallSearch, Walls},
 };
 

@@ -1,0 +1,176 @@
+//! What edits leave of records of irradiance [techniques.md, irradiance cache].
+
+use super::*;
+use crate::{
+    accel::{Hit, Ray},
+    math::sobol::PixelSampler,
+    render::{Learner, Learnt},
+    technique::{
+        ArrivingLight, Counts,
+        irradiance::{IrradianceCache, IrradianceCaching, IrradianceSettings, Record},
+    },
+};
+
+/// Surfaces that shine by where they are, whose they are and what they are made of, and by nothing else.
+#[derive(Debug)]
+struct Motley;
+
+impl ArrivingLight for Motley {
+    fn radiance(
+        &self,
+        world: &World,
+        ray: &Ray,
+        met: Option<Hit>,
+        _sampler: &PixelSampler,
+        _counts: &mut Counts,
+    ) -> Rgb {
+        let Some(hit) = met else { return Rgb::WHITE };
+        let instance = &world.accel().instances()[hit.instance as usize];
+        let name = instance.node_id().as_str().bytes().fold(0, |key, byte| sobol::mix(key ^ u64::from(byte)));
+        let [r, g, b, _] = sobol::point(name, 1);
+        let surface = world.surface(&hit, ray.direction);
+        let place = surface.point.position.to_array().map(|coordinate| (3.0 * coordinate).sin() + 1.1);
+        surface.bsdf.diffuse_of_even_light(Vec3::Z) * Rgb::new(r, g, b) * Rgb::from(place)
+            + Rgb::new(r, g, b) * 0.1
+    }
+}
+
+fn gathering(visits: u32) -> IrradianceSettings {
+    IrradianceSettings {
+        ray_count: NonZeroUsize::new(100).unwrap(),
+        visits: visits.try_into().unwrap(),
+        is_paced: false,
+        ..IrradianceSettings::default()
+    }
+}
+
+fn finish(caching: &mut IrradianceCaching, world: &World) {
+    let never = AtomicBool::new(false);
+    for _ in 0..100_000 {
+        let mut products = Products::default();
+        let mut step = Step { world, products: &mut products, canvas: None, cancel: &never };
+        if caching.step(&mut step).complete {
+            return;
+        }
+    }
+    panic!("no end of records");
+}
+
+/// The light of a record, without how far it counts.
+fn light(record: &Record) -> (Vec3, Vec3, Rgb, [Vec3; 3], [Vec3; 3]) {
+    (record.position, record.normal, record.irradiance, record.turning, record.moving)
+}
+
+/// Where records lack that `camera` sees: pixels of a picture of some size.
+fn uncovered(cache: &IrradianceCache, world: &World, size: PictureSize) -> usize {
+    let camera = world.scene().camera_view(None).unwrap();
+    let view = crate::technique::View::new(world, &camera, size);
+    let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
+    let lacks = |(x, y): &(u32, u32)| {
+        let ray = view.ray(*x as f32 + 0.5, *y as f32 + 0.5);
+        let Some(hit) = world.closest_hit(&ray) else { return false };
+        let surface = world.surface(&hit, ray.direction);
+        let facing = crate::technique::irradiance::Facing::of(&surface, -ray.direction);
+        surface.bsdf.has_diffuse() && cache.irradiance(surface.point.position, &facing).is_none()
+    };
+    pixels.filter(lacks).count()
+}
+
+/// A record whose rays met what an edit changed is dropped, and of those that are, most did: others met only the box around it. Those
+/// that stay are to the last bit what would be gathered at their places in the scene after it, before and after that is done, and no
+/// pixel is left without one.
+#[test]
+fn edits_drop_the_records_that_saw_them() {
+    let size = PictureSize::new(32, 24).unwrap();
+    let (mut stayed, mut dropped, mut dropped_in_vain, mut kept_edits) = (0, 0, 0, 0);
+    for seed in 0..3 {
+        let mut dice = Dice { key: sobol::mix(seed ^ 0x5265), thrown: 0 };
+        let mut world = world_of(samples::cornell_box().unwrap());
+        let mut caching = IrradianceCaching::new(gathering(2), Arc::new(Motley), None);
+        caching.look(0, &world.scene().camera_view(None).unwrap(), size);
+        finish(&mut caching, &world);
+        for number in 0..100 {
+            let (scene, change) = random_edit(world.scene(), &mut dice, number);
+            let next = world.update(Arc::new(scene), &change);
+            let edit = Edit { before: &world, after: &next, change: &change };
+            let (before, leaves_lights) = (caching.cache().records().to_vec(), edit.leaves_lights());
+            let saw_it: Vec<bool> = before
+                .iter()
+                .zip(caching.gathered_afresh(&next))
+                .map(|(before, after)| light(before) != light(&after))
+                .collect();
+            caching.apply(&edit);
+            let kept: std::collections::HashSet<[u32; 3]> =
+                caching.cache().records().iter().map(|r| r.position.to_array().map(f32::to_bits)).collect();
+            for (before, saw_it) in before.iter().zip(saw_it) {
+                let is_kept = kept.contains(&before.position.to_array().map(f32::to_bits));
+                assert!(!(is_kept && saw_it), "seed {seed}, edit {number}: {before:?} saw it and stayed");
+                if leaves_lights {
+                    (stayed, dropped) = (stayed + u32::from(is_kept), dropped + u32::from(!is_kept));
+                    dropped_in_vain += u32::from(!is_kept && !saw_it);
+                }
+            }
+            kept_edits += u32::from(!kept.is_empty());
+            world = next;
+            let afresh = |caching: &IrradianceCaching| caching.gathered_afresh(&world);
+            if dice.throw()[0] < 0.2 {
+                // The next edit comes in the middle of the work.
+                let never = AtomicBool::new(false);
+                let mut products = Products::default();
+                let mut step = Step { world: &world, products: &mut products, canvas: None, cancel: &never };
+                caching.step(&mut step);
+            }
+            finish(&mut caching, &world);
+            for (record, afresh) in caching.cache().records().iter().zip(afresh(&caching)) {
+                assert_eq!(light(record), light(&afresh), "seed {seed}, edit {number}");
+                assert!(record.radius_m <= afresh.radius_m);
+            }
+            assert_eq!(uncovered(caching.cache(), &world, size), 0, "seed {seed}, edit {number}");
+        }
+    }
+    println!("{stayed} stayed, {dropped} dropped, {dropped_in_vain} in vain, {kept_edits} edits left any");
+    assert!(kept_edits > 60, "{kept_edits}");
+    assert!(
+        stayed > 0 && 5 * dropped_in_vain < 2 * dropped,
+        "{dropped_in_vain} of {dropped}; {stayed} stayed"
+    );
+}
+
+/// With photons and octree beneath them: after any edits records hold what would be gathered at their places from what is known now.
+#[test]
+fn records_are_of_the_light_of_now() {
+    let settings = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
+    let of = IlluminationSettings { irradiance: gathering(2), ..super::settings(3_000, 4) };
+    let size = PictureSize::new(24, 18).unwrap();
+    let mut dice = Dice { key: sobol::mix(77), thrown: 0 };
+    let mut world = world_of(samples::cornell_box().unwrap());
+    let mut learner = Learner::new(Learnt::Records, &settings, of);
+    learner.look(0, &world.scene().camera_view(None).unwrap(), size);
+    let never = AtomicBool::new(false);
+    let mut kept_count = 0;
+    for number in 0..40 {
+        let (scene, change) = random_edit(world.scene(), &mut dice, number);
+        let next = world.update(Arc::new(scene), &change);
+        learner.apply(&Edit { before: &world, after: &next, change: &change });
+        world = next;
+        kept_count += u32::from(learner.records().count > 0);
+        if dice.throw()[0] < 0.3 {
+            (0..dice.below(40)).for_each(|_| {
+                learner.step(&world, &never);
+            });
+            continue;
+        }
+        let mut steps = 0;
+        while learner.stage() != Stage::Complete {
+            learner.step(&world, &never);
+            steps += 1;
+            assert!(steps < 100_000, "no end of it");
+        }
+        let caching = learner.caching().unwrap();
+        for (record, afresh) in caching.cache().records().iter().zip(caching.gathered_afresh(&world)) {
+            assert_eq!(light(record), light(&afresh), "edit {number}");
+        }
+        assert_eq!(uncovered(caching.cache(), &world, size), 0, "edit {number}");
+    }
+    assert!(kept_count > 5, "{kept_count} edits left records");
+}
