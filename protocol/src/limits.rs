@@ -144,8 +144,8 @@ impl Limits {
 
     fn check_accuracy(&self, accuracy: &Accuracy) -> Result<(), LimitError> {
         let error = accuracy.target_error;
-        require(error >= Accuracy::TARGET_MIN && error.is_finite(), "target_error", || {
-            format!("{error}; a fraction, from {} on; 0.01 means 1 %", Accuracy::TARGET_MIN)
+        require((Accuracy::TARGET_MIN..1.0).contains(&error), "target_error", || {
+            format!("{error}; a fraction, from {} on and below 1; 0.01 means 1 %", Accuracy::TARGET_MIN)
         })?;
         let bounces = accuracy.bounces.unwrap_or(0);
         require(bounces <= self.bounces, "bounces", || format!("{bounces}; at most {}", self.bounces))
@@ -227,6 +227,7 @@ mod tests {
             (r#"{"type":"quality","exposure_ev":1e39}"#, "exposure_ev"),
             (r#"{"type":"quality","frames_per_second_max":0}"#, "frames_per_second_max"),
             (r#"{"type":"accuracy","target_error":0}"#, "target_error"),
+            (r#"{"type":"accuracy","target_error":1}"#, "target_error"),
             (r#"{"type":"accuracy","bounces":4000000000}"#, "bounces"),
             (r#"{"type":"hello","client":"a\nb","version":"1"}"#, "client"),
         ] {

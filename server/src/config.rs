@@ -140,12 +140,27 @@ settings! {
     scene_triangles: u64 = Limits::default().scene_triangles;
     /// Texels in a scene's textures and environment.
     scene_texels: u64 = Limits::default().scene_texels;
+    /// Triangles of a scene that emit light, each instance counted: each becomes a light.
+    scene_emissive_triangles: u64 = SceneLimits::default().emissive_triangles_max;
     /// Nodes in a scene.
     scene_nodes: u64 = Limits::default().scene_nodes;
     /// Nodes from the world down to the deepest.
     hierarchy_depth: u32 = Limits::default().hierarchy_depth;
     /// Materials in a scene, and as many lights, and as many cameras.
     scene_objects: u64 = Limits::default().scene_objects;
+
+    /// Bytes of a scene's file itself.
+    file_bytes: u64 = AssetLimits::default().file_bytes_max;
+    /// Bytes of all that a scene's file refers to, together: files beside it and decoded data URIs.
+    file_side_bytes: u64 = AssetLimits::default().buffers_bytes_max;
+    /// Bytes of a glTF file's JSON, data URIs among them.
+    file_json_bytes: u64 = AssetLimits::default().json_bytes_max;
+    /// Values in a glTF file's JSON, up to some 100 bytes of memory each.
+    file_json_values: u64 = AssetLimits::default().json_values_max;
+    /// Texels of one image of a file, known from its header.
+    image_texels: u64 = AssetLimits::default().image_pixels_max;
+    /// Elements of one glTF accessor.
+    accessor_elements: u64 = AssetLimits::default().accessor_elements_max;
 
     /// Connections at once, HTTP and WebSocket together; further ones wait to be accepted.
     connections: u32 = 1024;
@@ -164,6 +179,8 @@ settings! {
 
     /// Batches that wait for one scene's edit thread; beyond it: 503 with Retry-After.
     edit_queue: u32 = 64;
+    /// Batches of one WebSocket connection that wait for their answer; beyond it they are refused.
+    edits_in_flight: u32 = 32;
     /// Batches of one scene kept in memory for `GET edits?since=`; older revisions are told as a gap.
     event_log: u32 = 1000;
     /// Bytes of those batches.
@@ -284,6 +301,7 @@ impl Config {
         SceneLimits {
             vertices_max: self.scene_vertices,
             triangles_max: self.scene_triangles,
+            emissive_triangles_max: self.scene_emissive_triangles,
             texels_max: self.scene_texels,
             nodes_max: count(self.scene_nodes),
             node_depth_max: self.hierarchy_depth as usize,
@@ -296,7 +314,15 @@ impl Config {
 
     /// What files are checked against.
     pub fn asset_limits(&self) -> AssetLimits {
-        AssetLimits { scene: self.scene_limits(), ..AssetLimits::default() }
+        AssetLimits {
+            file_bytes_max: self.file_bytes,
+            buffers_bytes_max: self.file_side_bytes,
+            json_bytes_max: self.file_json_bytes,
+            json_values_max: self.file_json_values,
+            image_pixels_max: self.image_texels,
+            accessor_elements_max: self.accessor_elements,
+            scene: self.scene_limits(),
+        }
     }
 
     /// Threads to render with.
@@ -346,6 +372,7 @@ impl Config {
             ("hello_seconds", self.hello_seconds),
             ("idle_seconds", self.idle_seconds),
             ("edit_queue", self.edit_queue),
+            ("edits_in_flight", self.edits_in_flight),
             ("event_log", self.event_log),
             ("event_listeners", self.event_listeners),
             ("frame_requests", self.frame_requests),

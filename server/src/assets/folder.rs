@@ -57,7 +57,7 @@ impl Folder {
         if !path.starts_with(root) {
             return Err(refuse("leads out of the scene's folder through a link: copy the file there"));
         }
-        let bytes = match read_file(&path, self.bytes_max - self.bytes_taken, "buffers_bytes_max") {
+        let bytes = match read_file(&path, self.bytes_max - self.bytes_taken, "file_side_bytes") {
             Err(AssetError::Read { source, .. }) => return Err(missing(source)),
             other => other?,
         };
@@ -66,7 +66,7 @@ impl Folder {
     }
 
     fn bound(&self) -> Bound {
-        Bound { what: "bytes beside the scene file", limit: self.bytes_max, setting: "buffers_bytes_max" }
+        Bound { what: "bytes beside the scene file", limit: self.bytes_max, setting: "file_side_bytes" }
     }
 }
 

@@ -6,6 +6,7 @@
 //! warnings, or in an [`AssetError`] that names file, object and field; never in a panic.
 //! Imports the engine's `scene` room only.
 
+mod builtin;
 mod error;
 mod export;
 mod folder;
@@ -22,6 +23,7 @@ use std::path::Path;
 use glam::Vec3;
 use lumicast_engine::scene::{Id, Scene, SceneBuilder};
 
+pub use builtin::BuiltinScene;
 pub use error::AssetError;
 pub use export::export_glb;
 pub use limits::AssetLimits;
@@ -53,7 +55,7 @@ pub fn load_scene(path: &Path, limits: &AssetLimits) -> Result<Scene, AssetError
 }
 
 fn load_file(path: &Path, limits: &AssetLimits) -> Result<Scene, AssetError> {
-    let bytes = folder::read_file(path, limits.file_bytes_max, "file_bytes_max")?;
+    let bytes = folder::read_file(path, limits.file_bytes_max, "file_bytes")?;
     let folder = Folder::of_file(path, limits.buffers_bytes_max)?;
     let mut builder = SceneBuilder::new(limits.scene);
     if gltf::looks_like_gltf(&bytes) {

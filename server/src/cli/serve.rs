@@ -1,5 +1,6 @@
 //! `lumicast serve`: settings, scenes, the listener, and the end.
 
+use super::scene_source::SceneSource;
 use crate::config::Config;
 use crate::http::{self, Service, id_of_name};
 use crate::scenes::{CreateError, Origin, Scenes, Workshop};
@@ -7,7 +8,7 @@ use crate::{shutdown, telemetry};
 use clap::Args;
 use std::error::Error;
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
@@ -16,8 +17,8 @@ use tokio::net::TcpListener;
 /// Arguments of `lumicast serve`.
 #[derive(Debug, Args)]
 pub(super) struct ServeArgs {
-    /// Scene files: .glb, .gltf or .obj. None: a built-in Cornell box.
-    scenes: Vec<PathBuf>,
+    /// Scenes: .glb, .gltf or .obj files, builtin:cornell-box or builtin:boxes. None: the built-in Cornell box.
+    scenes: Vec<SceneSource>,
     /// Address and port; port 0 takes a free one. [default: 127.0.0.1:7171]
     #[arg(long, value_name = "ADDRESS")]
     listen: Option<String>,
@@ -82,10 +83,14 @@ impl ServeArgs {
         // A mistyped command looks like a file: say so before anything else. (A data folder may hold a scene whose file is
         // gone by now.)
         let must_exist = self.scenes.iter().filter(|_| config.data.is_empty());
-        if let Some(missing) = must_exist.into_iter().find(|file| !file.exists()) {
+        let is_missing = |scene: &&SceneSource| matches!(scene, SceneSource::File(file) if !file.exists());
+        if let Some(missing) = must_exist.into_iter().find(is_missing) {
+            return Err(format!("{missing}: there is no such file, and no such command (see --help)").into());
+        }
+        if let Some((first, second, id)) = same_id(&self.scenes) {
             return Err(format!(
-                "{}: there is no such file, and no such command (see --help)",
-                missing.display()
+                "{first} and {second} would both be the scene {id:?}: rename one of the files, or make the second a scene \
+                 of another id by POST /v1/scenes?id=…"
             )
             .into());
         }
@@ -132,11 +137,11 @@ impl ServeArgs {
 }
 
 /// Restores the store, then loads the files it does not hold yet.
-fn load_all(scenes: &Scenes, files: &[PathBuf]) -> Result<(), CreateError> {
+fn load_all(scenes: &Scenes, sources: &[SceneSource]) -> Result<(), CreateError> {
     let started = Instant::now();
     scenes.restore()?;
-    for file in files {
-        let (name, id) = name_of(file);
+    for source in sources {
+        let (name, id) = name_of(source);
         if let Some(scene) = scenes.get(&id) {
             tracing::info!(
                 scene = %id, revision = scene.revision(),
@@ -144,9 +149,13 @@ fn load_all(scenes: &Scenes, files: &[PathBuf]) -> Result<(), CreateError> {
             );
             continue;
         }
-        scenes.create(id, &name, Origin::File(file.clone()))?;
+        let origin = match source {
+            SceneSource::File(file) => Origin::File(file.clone()),
+            SceneSource::Builtin(scene) => Origin::Builtin(scene.name().into()),
+        };
+        scenes.create(id, &name, origin)?;
     }
-    if files.is_empty() && scenes.all().is_empty() {
+    if sources.is_empty() && scenes.all().is_empty() {
         let id = id_of_name("cornell-box");
         scenes.create(id, "Cornell box", Origin::Builtin("cornell-box".into()))?;
     }
@@ -154,9 +163,20 @@ fn load_all(scenes: &Scenes, files: &[PathBuf]) -> Result<(), CreateError> {
     Ok(())
 }
 
-/// Name and id of a scene file: its stem.
-fn name_of(file: &Path) -> (String, lumicast_protocol::SceneId) {
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+/// The first two that would be one scene, and its id.
+fn same_id(sources: &[SceneSource]) -> Option<(&SceneSource, &SceneSource, String)> {
+    let ids: Vec<_> = sources.iter().map(|source| name_of(source).1).collect();
+    let twin = |place: usize| ids[..place].iter().position(|id| *id == ids[place]);
+    let (second, first) = (0..ids.len()).find_map(|place| Some((place, twin(place)?)))?;
+    Some((&sources[first], &sources[second], ids[first].to_string()))
+}
+
+/// Name and id of a scene: a file's stem, or the built-in scene's own.
+fn name_of(source: &SceneSource) -> (String, lumicast_protocol::SceneId) {
+    let stem = match source {
+        SceneSource::File(file) => file.file_stem().unwrap_or_default().to_string_lossy(),
+        SceneSource::Builtin(scene) => scene.name().into(),
+    };
     // Names go to logs and to viewers: no control characters, not endless.
     let name: String = stem.chars().filter(|c| !c.is_control()).take(64).collect();
     let id = id_of_name(&name);
@@ -187,5 +207,34 @@ fn announce(address: SocketAddr, scenes: &Scenes) {
     }
     if !address.ip().is_loopback() {
         println!("  Listening beyond this machine, without password: anybody who reaches it can edit.");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Files of one stem in two folders, a file named like a built-in scene, and names that become one id are told apart from others.
+    #[test]
+    fn two_scenes_of_one_id_are_found() {
+        let found = |words: &[&str]| {
+            let sources: Vec<SceneSource> = words.iter().map(|word| word.parse().unwrap()).collect();
+            same_id(&sources).map(|(first, second, id)| (first.to_string(), second.to_string(), id))
+        };
+        let all = |first: &str, second: &str, id: &str| Some((first.into(), second.into(), id.into()));
+        assert_eq!(found(&["a/room.glb", "b/hall.glb", "builtin:boxes"]), None);
+        assert_eq!(found(&["a/room.glb", "x.glb", "b/room.obj"]), all("a/room.glb", "b/room.obj", "room"));
+        assert_eq!(found(&["builtin:boxes", "boxes.glb"]), all("builtin:boxes", "boxes.glb", "boxes"));
+        assert_eq!(found(&["my room.glb", "my-room.glb"]), all("my room.glb", "my-room.glb", "my-room"));
+    }
+
+    /// Built-in scenes keep their names, and load.
+    #[test]
+    fn built_in_scenes_are_scenes_by_their_names() {
+        for scene in crate::assets::BuiltinScene::ALL {
+            let (name, id) = name_of(&SceneSource::Builtin(scene));
+            assert_eq!((name.as_str(), id.as_str()), (scene.name(), scene.name()));
+            assert!(scene.load().unwrap().instanced_triangle_count() > 0);
+        }
     }
 }

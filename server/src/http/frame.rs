@@ -131,8 +131,9 @@ fn until_of(error: Option<&str>, time: Option<&str>, config: &Config) -> Result<
 }
 
 fn error_of(text: &str) -> Result<f64, HttpProblem> {
-    let no_error =
-        || bad("error", "a fraction from 0.000001 to 1, or percent, such as 0.02 or 2%, or converged");
+    let no_error = || {
+        bad("error", "a fraction from 0.000001 on and below 1, or percent, such as 0.02 or 2%, or converged")
+    };
     Accuracy::read_target(text).ok_or_else(no_error)
 }
 

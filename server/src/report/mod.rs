@@ -35,6 +35,7 @@ use lumicast_engine::render::Indirect;
 use serde::Serialize;
 
 use crate::{
+    assets::BuiltinScene,
     cli::{error::CliError, scene_source::SceneSource},
     images::FileError,
 };
@@ -279,7 +280,8 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
         None => &[],
     };
     // Boxes are among the octree's, and always there.
-    let (subjects, left_out) = subject::find(job, wanted, Some(SceneSource::CornellBox));
+    let (subjects, left_out) =
+        subject::find(job, wanted, Some(SceneSource::Builtin(BuiltinScene::CornellBox)));
     if let Some(twice) =
         subjects.iter().enumerate().find(|(at, one)| subjects[..*at].iter().any(|two| two.name == one.name))
     {

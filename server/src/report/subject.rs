@@ -15,6 +15,7 @@ use lumicast_engine::{
 use serde::Serialize;
 
 use super::{ReportError, ReportJob};
+use crate::assets::BuiltinScene;
 use crate::cli::{
     render::{default_size, find_camera},
     scene_source::SceneSource,
@@ -99,7 +100,7 @@ pub(super) fn find(
         let path = job.scenes_folder.join(format!("{name}.glb"));
         let source = match *name {
             _ if path.is_file() => SceneSource::File(path),
-            "boxes" => SceneSource::Boxes,
+            "boxes" => SceneSource::Builtin(BuiltinScene::Boxes),
             _ => {
                 left_out.push(format!("{name} is left out: put it at {} to measure it", path.display()));
                 continue;
@@ -119,8 +120,7 @@ fn name_of(source: &SceneSource) -> String {
         SceneSource::File(path) => {
             path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned())
         }
-        SceneSource::CornellBox => "cornell-box".into(),
-        SceneSource::Boxes => "boxes".into(),
+        SceneSource::Builtin(scene) => scene.name().into(),
     }
 }
 

@@ -5,6 +5,7 @@ use std::{path::Path, time::Duration};
 use lumicast_engine::render::Indirect;
 
 use super::{Cost, Effort, Paper, Question, Report, ReportJob, measure_with, table::Cell};
+use crate::assets::BuiltinScene;
 use crate::cli::scene_source::SceneSource;
 
 const LITTLE: Effort = Effort {
@@ -24,7 +25,7 @@ fn job(paper: Paper, out: &Path) -> ReportJob {
     let missing = out.join("there is no such folder");
     ReportJob {
         question: Question::Paper(paper),
-        scenes: vec![SceneSource::Boxes],
+        scenes: vec![SceneSource::Builtin(BuiltinScene::Boxes)],
         scenes_folder: missing.clone(),
         references_folder: missing,
         out: out.into(),
@@ -110,7 +111,10 @@ fn a_larsen_report_is_whole() {
 #[test]
 fn an_irradiance_report_is_whole() {
     let folder = tempfile::tempdir().unwrap();
-    let job = ReportJob { scenes: vec![SceneSource::CornellBox], ..job(Paper::Irradiance, folder.path()) };
+    let job = ReportJob {
+        scenes: vec![SceneSource::Builtin(BuiltinScene::CornellBox)],
+        ..job(Paper::Irradiance, folder.path())
+    };
     let report = measure_with(&job, LITTLE).unwrap();
     check_files(&report, folder.path());
     check_figures(&report);
@@ -129,14 +133,14 @@ fn an_irradiance_report_is_whole() {
 fn a_report_of_caustics_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let of = |scene| ReportJob { scenes: vec![scene], ..job(Paper::Caustics, folder.path()) };
-    let report = measure_with(&of(SceneSource::CornellBox), LITTLE).unwrap();
+    let report = measure_with(&of(SceneSource::Builtin(BuiltinScene::CornellBox)), LITTLE).unwrap();
     check_files(&report, folder.path());
     check_figures(&report);
     let rows: Vec<usize> = report.tables.iter().map(|table| table.rows.len()).collect();
     assert_eq!(rows, [3, 5]);
     let stored = report.tables[0].rows.iter().map(|row| report.tables[0].cell(row, "stored").value());
     assert!(stored.clone().all(|stored| stored.is_some_and(|stored| stored > 0.0)));
-    let error = measure_with(&of(SceneSource::Boxes), LITTLE).unwrap_err();
+    let error = measure_with(&of(SceneSource::Builtin(BuiltinScene::Boxes)), LITTLE).unwrap_err();
     assert!(error.to_string().contains("mirrors or glass"), "{error}");
 }
 
@@ -152,7 +156,7 @@ fn a_report_of_cost_is_whole_and_goes_on_where_it_was() {
     };
     let job = |peers| ReportJob {
         question: Question::Cost(cost(peers)),
-        scenes: vec![SceneSource::CornellBox],
+        scenes: vec![SceneSource::Builtin(BuiltinScene::CornellBox)],
         ..job(Paper::Octree, folder.path())
     };
     let report = measure_with(&job(vec![]), LITTLE).unwrap();
@@ -206,7 +210,13 @@ fn a_report_of_cost_is_whole_and_goes_on_where_it_was() {
             && table("effects") == of("effects")
             && table("prices") == of("prices")
     );
-    let twice = ReportJob { scenes: vec![SceneSource::CornellBox, SceneSource::CornellBox], ..job(vec![]) };
+    let twice = ReportJob {
+        scenes: vec![
+            SceneSource::Builtin(BuiltinScene::CornellBox),
+            SceneSource::Builtin(BuiltinScene::CornellBox),
+        ],
+        ..job(vec![])
+    };
     assert!(measure_with(&twice, LITTLE).unwrap_err().to_string().contains("two scenes"));
 }
 
@@ -219,7 +229,10 @@ fn missing_scenes_are_named() {
     assert_eq!(subjects.len(), 1);
     assert_eq!(left_out.len(), 3);
     assert!(left_out.iter().any(|line| line.contains("bunny-room.glb")), "{left_out:?}");
-    let (subjects, left_out) =
-        super::subject::find(&job, &super::crease::SCENES, Some(SceneSource::CornellBox));
+    let (subjects, left_out) = super::subject::find(
+        &job,
+        &super::crease::SCENES,
+        Some(SceneSource::Builtin(BuiltinScene::CornellBox)),
+    );
     assert_eq!((subjects.len(), left_out.len()), (1, 2));
 }

@@ -4,12 +4,12 @@ use super::desk::Desk;
 use super::history::{History, Keys};
 use super::painter::Painter;
 use super::{Board, Scene, Snapshot, Workshop, lock};
-use crate::assets::{self, AssetError};
+use crate::assets::{self, AssetError, BuiltinScene};
 use crate::convert;
 use crate::store::{Base, SceneStore, StoreError, Stored};
 use crate::telemetry::SceneFigures;
 use lumicast_engine::effects::{EffectPlan, Inventory};
-use lumicast_engine::scene::{self as engine_scene, SceneError, samples};
+use lumicast_engine::scene::{self as engine_scene, SceneError};
 use lumicast_engine::transport::World;
 use lumicast_protocol::{Convergence, EventEntry, Problem, ProblemKind, SceneId, SceneList};
 use std::collections::BTreeMap;
@@ -18,9 +18,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, PoisonError, RwLock, mpsc};
 use std::thread::JoinHandle;
 use tokio::sync::{broadcast, watch};
-
-/// The name of the scene that is built in.
-pub(super) const BUILTIN: &str = "cornell-box";
 
 /// Why a scene could not be made or restored.
 #[derive(Debug, thiserror::Error)]
@@ -44,7 +41,7 @@ pub enum CreateError {
     #[error("there are {0} scenes, the most this server takes")]
     TooMany(usize),
     /// There is no built-in scene of that name.
-    #[error("there is no built-in scene {0:?}; there is {BUILTIN:?}")]
+    #[error("there is no built-in scene {0:?}: there are `cornell-box` and `boxes`")]
     UnknownBuiltin(String),
     /// A batch of the log no longer applies.
     #[error("scene {id:?}: revision {revision} of its log can no longer be applied: {reason}")]
@@ -223,8 +220,10 @@ impl Scenes {
     fn load(&self, origin: Origin) -> Result<(engine_scene::Scene, Base), CreateError> {
         let limits = self.workshop.config.asset_limits();
         match origin {
-            Origin::Builtin(name) if name == BUILTIN => Ok((samples::cornell_box()?, Base::Builtin(name))),
-            Origin::Builtin(name) => Err(CreateError::UnknownBuiltin(name)),
+            Origin::Builtin(name) => match BuiltinScene::named(&name) {
+                Some(scene) => Ok((scene.load()?, Base::Builtin(name))),
+                None => Err(CreateError::UnknownBuiltin(name)),
+            },
             Origin::Glb(bytes) => Ok((assets::load_glb(&bytes, &limits)?, Base::Glb(bytes))),
             Origin::File(path) => {
                 let scene = assets::load_scene(&path, &limits)?;

@@ -15,8 +15,6 @@ use tokio::sync::{Semaphore, mpsc};
 
 /// Answers on their way to a client that does not read them. Small: the reader waits when it is full.
 const ANSWERS_MAX: usize = 64;
-/// Batches of one session that wait for their answer.
-const EDITS_IN_FLIGHT_MAX: usize = 32;
 /// Between two `stats`.
 const STATS_PERIOD: Duration = Duration::from_millis(250);
 /// How long a close may take to reach the client.
@@ -97,7 +95,7 @@ impl Session {
         let mut stopping = self.stopping.clone();
         let mut closed = self.scene.watch_closed();
         let mut rate = Rate::new(self.limits.messages_per_second, Instant::now());
-        let edits = Arc::new(Semaphore::new(EDITS_IN_FLIGHT_MAX));
+        let edits = Arc::new(Semaphore::new(self.workshop.config.edits_in_flight as usize));
         let hello_by = Instant::now() + Duration::from_secs(self.limits.hello_seconds.into());
         let mut greeted = false;
         loop {
@@ -236,7 +234,9 @@ impl Session {
     async fn edit(&self, edit: EditRequest, answers: &mpsc::Sender<Answer>, edits: &Arc<Semaphore>) {
         let EditRequest { request, if_match, idempotency_key, edits: batch } = edit;
         let Ok(permit) = edits.clone().try_acquire_owned() else {
-            let detail = format!("{EDITS_IN_FLIGHT_MAX} batches of this connection wait for their answer");
+            let most = self.workshop.config.edits_in_flight;
+            let detail =
+                format!("{most} batches of this connection wait for their answer (`edits_in_flight`)");
             self.refuse(answers, Some(request), Problem::new(ProblemKind::TooMany, detail)).await;
             return;
         };

@@ -456,10 +456,10 @@ async fn a_refused_message_changes_nothing() {
 /// Who watches through a camera of the scene follows it when it is edited, and keeps the last pose when it goes.
 #[tokio::test]
 async fn a_viewer_follows_its_camera() {
-    let server = Server::start(|_| {}).await;
+    let server = Server::start(|config| config.samples_max = 4).await;
     let mut viewer = server.viewer().await;
     viewer.say(json!({"type": "quality", "codec": "png"})).await;
-    viewer.say(json!({"type": "accuracy", "target_error": 1000})).await;
+    viewer.say(json!({"type": "accuracy", "technique": "path", "preset": "converged"})).await;
     viewer.camera("main", SMALL).await;
     let (_, before) = viewer.frame_where(|header| header.converged).await;
     let look = json!({"position": [0, 1, 2], "target": [1, 1, 0]});

@@ -131,7 +131,7 @@ impl<'a> Accessors<'a> {
     ) -> Result<(&'a Accessor, Layout), AssetError> {
         let accessor = at(self.accessors, index, || user.into(), field)?;
         let object = || format!("accessor {index}");
-        let elements = Bound { what: "elements", limit: self.elements_max, setting: "accessor_elements_max" };
+        let elements = Bound { what: "elements", limit: self.elements_max, setting: "accessor_elements" };
         elements.check(object(), accessor.count.0)?;
         let Checked::Valid(component) = accessor.component_type else {
             return Err(bad(object(), "componentType", "is none that glTF knows"));

@@ -49,10 +49,10 @@ struct Outline {
 
 impl Outline {
     fn check(&self, scene: &SceneLimits) -> Result<(), AssetError> {
-        let nodes = Bound { what: "nodes", limit: scene.nodes_max as u64, setting: "nodes_max" };
+        let nodes = Bound { what: "nodes", limit: scene.nodes_max as u64, setting: "scene_nodes" };
         nodes.check("JSON", self.nodes.0)?;
         let limit = scene.materials_max as u64;
-        Bound { what: "materials", limit, setting: "materials_max" }.check("JSON", self.materials.0)
+        Bound { what: "materials", limit, setting: "scene_objects" }.check("JSON", self.materials.0)
     }
 }
 
@@ -128,9 +128,9 @@ impl Document {
         limits: &AssetLimits,
         scene: &SceneLimits,
     ) -> Result<Document, AssetError> {
-        let bytes = Bound { what: "bytes", limit: limits.json_bytes_max, setting: "json_bytes_max" };
+        let bytes = Bound { what: "bytes", limit: limits.json_bytes_max, setting: "file_json_bytes" };
         bytes.check("JSON", json.len() as u64)?;
-        let values = Bound { what: "values", limit: limits.json_values_max, setting: "json_values_max" };
+        let values = Bound { what: "values", limit: limits.json_values_max, setting: "file_json_values" };
         values.check("JSON", value_count(json))?;
         let wrong = |error| bad("JSON", "syntax", format!("{error}"));
         deserialize::from_slice::<Outline>(json).map_err(wrong)?.check(scene)?;

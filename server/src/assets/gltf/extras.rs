@@ -77,7 +77,7 @@ pub(super) fn environment(
         Some(EnvironmentExtras::Image(image)) => image,
     };
     let texels = u64::from(image.width) * u64::from(image.height);
-    let bound = Bound { what: "texels", limit: builder.limits().texels_max, setting: "texels_max" };
+    let bound = Bound { what: "texels", limit: builder.limits().texels_max, setting: "scene_texels" };
     bound.check("environment", texels)?;
     let bytes = buffers.view(image.buffer_view, "environment")?.bytes;
     let (whole, rest) = bytes.as_chunks::<16>();

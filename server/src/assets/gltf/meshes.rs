@@ -25,8 +25,10 @@ pub(super) struct LoadedMesh {
 /// How much one mesh may still add to the scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Room {
-    pub(super) vertices: u64,
-    pub(super) triangles: u64,
+    pub(super) vertices_used: u64,
+    pub(super) vertices_max: u64,
+    pub(super) triangles_used: u64,
+    pub(super) triangles_max: u64,
 }
 
 /// Which accessors a primitive's vertices come from: primitives with the same ones share their vertices.
@@ -74,8 +76,9 @@ pub(super) fn load(
         };
         let first_triangle = mesh.source.triangles.len();
         append_triangles(&mut mesh, &corners, mode(primitive), first);
-        let triangles = Bound { what: "triangles", limit: room.triangles, setting: "triangles_max" };
-        triangles.check(user, mesh.source.triangles.len() as u64)?;
+        let triangles =
+            Bound { what: "triangles in all meshes", limit: room.triangles_max, setting: "scene_triangles" };
+        triangles.check(user, room.triangles_used.saturating_add(mesh.source.triangles.len() as u64))?;
         let triangle_count = (mesh.source.triangles.len() - first_triangle) as u32;
         let material = material_of(primitive.material.map(|material| material.value()))?;
         mesh.source.primitives.push(Primitive {
@@ -126,8 +129,9 @@ fn append_vertices(
     let (count, _) = accessors.shape(attributes.positions, user, "POSITION")?;
     let LoadedMesh { source, warnings } = mesh;
     let first = source.positions.len();
-    let vertices = Bound { what: "vertices", limit: room.vertices, setting: "vertices_max" };
-    vertices.check(user, (first + count) as u64)?;
+    let vertices =
+        Bound { what: "vertices in all meshes", limit: room.vertices_max, setting: "scene_vertices" };
+    vertices.check(user, room.vertices_used.saturating_add((first + count) as u64))?;
     let fits = |index: Option<usize>, field| match index {
         Some(index) => match accessors.shape(index, user, field)? {
             (own, components) if own == count => Ok(Some((index, components))),

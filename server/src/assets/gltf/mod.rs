@@ -257,8 +257,10 @@ impl<'a> Import<'a> {
         };
         let limits = self.builder.limits();
         let room = Room {
-            vertices: limits.vertices_max.saturating_sub(used(|mesh| mesh.positions().len())),
-            triangles: limits.triangles_max.saturating_sub(used(|mesh| mesh.triangles().len())),
+            vertices_used: used(|mesh| mesh.positions().len()),
+            vertices_max: limits.vertices_max,
+            triangles_used: used(|mesh| mesh.triangles().len()),
+            triangles_max: limits.triangles_max,
         };
         let accessors = Accessors {
             accessors: &root.accessors,

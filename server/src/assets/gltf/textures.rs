@@ -97,11 +97,11 @@ fn check_size(
     builder: &SceneBuilder,
     limits: &AssetLimits,
 ) -> Result<(), AssetError> {
-    let pixels = Bound { what: "texels", limit: limits.image_pixels_max, setting: "image_pixels_max" };
+    let pixels = Bound { what: "texels", limit: limits.image_pixels_max, setting: "image_texels" };
     pixels.check(object, size.pixels())?;
     *texels += size.pixels();
     let all =
-        Bound { what: "texels in all textures", limit: builder.limits().texels_max, setting: "texels_max" };
+        Bound { what: "texels in all textures", limit: builder.limits().texels_max, setting: "scene_texels" };
     all.check(object, *texels)
 }
 

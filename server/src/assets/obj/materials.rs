@@ -144,15 +144,14 @@ impl Pictures<'_> {
         };
         let refuse = |problem: String| bad(object.clone(), "map_Kd", format!("{name:?}: {problem}"));
         let size = pictures::size(&bytes).map_err(refuse)?;
-        let bound =
-            Bound { what: "texels", limit: self.limits.image_pixels_max, setting: "image_pixels_max" };
+        let bound = Bound { what: "texels", limit: self.limits.image_pixels_max, setting: "image_texels" };
         bound.check(&object, size.pixels())?;
         let taken: u64 =
             builder.scene().textures().values().map(|texture| texture.texel_count() as u64).sum();
         let all = Bound {
             what: "texels in all textures",
             limit: builder.limits().texels_max,
-            setting: "texels_max",
+            setting: "scene_texels",
         };
         all.check(&object, taken + size.pixels())?;
         let picture = pictures::decode(&bytes, size).map_err(refuse)?;

@@ -25,8 +25,8 @@ pub(super) fn object_lines(bytes: &[u8], limits: &SceneLimits) -> Result<Screene
     // Names and comments in some older encoding are no reason to refuse geometry.
     let text = String::from_utf8_lossy(bytes);
     let mut screened = Screened { text: String::with_capacity(text.len()), ..Screened::default() };
-    let vertices = Bound { what: "vertices", limit: limits.vertices_max, setting: "vertices_max" };
-    let triangles = Bound { what: "triangles", limit: limits.triangles_max, setting: "triangles_max" };
+    let vertices = Bound { what: "vertices", limit: limits.vertices_max, setting: "scene_vertices" };
+    let triangles = Bound { what: "triangles", limit: limits.triangles_max, setting: "scene_triangles" };
     let (mut above, mut triangle_count, mut line_count) = (Above::default(), 0, 0);
     let mut seen = HashSet::new();
     for (index, line) in joined(&text).enumerate() {
