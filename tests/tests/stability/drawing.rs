@@ -10,6 +10,8 @@ use lumicast_engine::render::{Backend, IlluminationSettings, Indirect, Learning,
 use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 
+use crate::draft::Draft;
+
 /// A technique on a backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Technique {
@@ -31,6 +33,23 @@ pub(crate) const TECHNIQUES: [Technique; 7] = [
 impl Technique {
     pub(crate) const fn on_cpu(indirect: Indirect) -> Technique {
         Technique { indirect, backend: Backend::Cpu }
+    }
+}
+
+impl Technique {
+    /// The scene as this technique can draw it on the backend that it is named for: caustics are drawn with photons of their own, and
+    /// what looks light up in the octree then leaves the card alone.
+    pub(crate) fn within_reach(self, draft: &Draft) -> Draft {
+        match (self.indirect, self.backend) {
+            (Indirect::Octree, Backend::Gpu) => draft.clone().matt(),
+            _ => draft.clone(),
+        }
+    }
+
+    /// A picture that a card is named for, and did not help to draw, would only say again what the CPU's says.
+    pub(crate) fn assert_drawn_as_named(self, rendering: &Rendering) {
+        let is_on_card = rendering.gpu_passes() > 0 || rendering.gpu_gathered_rays() > 0;
+        assert_eq!(is_on_card, self.backend == Backend::Gpu, "{}: on a card or not", name(self));
     }
 }
 

@@ -42,12 +42,13 @@ pub(super) struct Tolerance {
 
 impl Pictures {
     pub(super) fn of(draft: &Draft, technique: Technique) -> Pictures {
-        let scene = draft.build().unwrap_or_else(|error| panic!("{error}"));
+        let scene = technique.within_reach(draft).build().unwrap_or_else(|error| panic!("{error}"));
         let world = Arc::new(World::prepare(Arc::new(scene)));
         let picture = |seed| {
             let rendering = draw(&world, Drawn { technique, seed, bounces_max: None }, &EFFORT)
                 .unwrap_or_else(|error| panic!("{}: {error}", name(technique)));
             assert_eq!(rendering.dropped_samples(), 0, "{}", name(technique));
+            technique.assert_drawn_as_named(&rendering);
             rendering.picture().radiance()
         };
         Pictures { technique, radiance: (0..PICTURES).map(picture).collect() }

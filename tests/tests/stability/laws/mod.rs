@@ -178,13 +178,16 @@ fn law_the_light_of_two_lamps_adds() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// A law that nothing breaks says nothing: five percent more light, or a wall of another colour, are seen by every technique.
+/// A law that nothing breaks says nothing: five percent more light, or a wall of another colour, are seen by every technique, and so
+/// is a thing that is gone, which hardly changes the light of the whole.
 #[test]
 fn laws_tell_scenes_apart_that_differ_by_a_little() {
     let mut dark = room();
     dark.things[0].material.base_color *= 0.95;
+    let mut emptier = room();
+    emptier.things.retain(|thing| !thing.name.starts_with("tall block"));
     for technique in techniques() {
-        for other in [room().brighter(1.05), dark.clone()] {
+        for other in [room().brighter(1.05), dark.clone(), emptier.clone()] {
             let other = Pictures::of(&other, technique);
             assert!(original(technique).differ(&other, rounding(technique)).is_some(), "{}", name(technique));
             assert!(
@@ -203,7 +206,7 @@ fn laws_tell_scenes_apart_that_differ_by_a_little() {
 #[test]
 fn law_white_furnaces_hold_the_geometric_sum() {
     let mut failures = Vec::new();
-    for albedo in [0.5f32, 0.9, 0.98] {
+    for albedo in [0.9f32, 0.98, 0.5].into_iter().take(at_night(2, 3)) {
         let far = Similarity { offset: v(1e5, 1e5, -1e5), turn: DQuat::from_rotation_x(0.5), scale: 0.01 };
         let places = [
             ("as it is", Similarity::NONE),
@@ -245,11 +248,13 @@ fn law_lamp_and_sensor_may_change_places() {
     for technique in techniques() {
         let flux = |is_swapped: bool| {
             let (draft, area_m2) = exchange(is_swapped);
-            let world = Arc::new(World::prepare(Arc::new(draft.build().expect("a scene"))));
+            let scene = technique.within_reach(&draft).build().expect("a scene");
+            let world = Arc::new(World::prepare(Arc::new(scene)));
             let mut fluxes = lumicast_engine::math::RunningStatistics::default();
             for seed in 0..3 {
                 let rendering =
                     draw(&world, Drawn { technique, seed, bounces_max: None }, &effort).expect("an end");
+                technique.assert_drawn_as_named(&rendering);
                 fluxes.add(lumicast_tests::mean(&rendering.picture().radiance()) * area_m2);
             }
             fluxes

@@ -83,8 +83,9 @@ fn uncovered(cache: &IrradianceCache, world: &World, size: PictureSize) -> usize
 fn edits_drop_the_records_that_saw_them() {
     let size = PictureSize::new(32, 24).unwrap();
     let (mut stayed, mut dropped, mut dropped_in_vain, mut kept_edits) = (0, 0, 0, 0);
-    for seed in 0..3 {
-        let mut dice = Dice { key: sobol::mix(seed ^ 0x5265), thrown: 0 };
+    let seeds: u32 = if std::env::var_os("LUMICAST_NIGHTLY").is_some() { 3 } else { 1 };
+    for seed in 0..seeds {
+        let mut dice = Dice { key: sobol::mix(u64::from(seed) ^ 0x5265), thrown: 0 };
         let mut world = world_of(samples::cornell_box().unwrap());
         let mut caching = IrradianceCaching::new(gathering(2), Arc::new(Motley), None);
         caching.look(0, &world.scene().camera_view(None).unwrap(), size);
@@ -129,7 +130,7 @@ fn edits_drop_the_records_that_saw_them() {
         }
     }
     println!("{stayed} stayed, {dropped} dropped, {dropped_in_vain} in vain, {kept_edits} edits left any");
-    assert!(kept_edits > 60, "{kept_edits}");
+    assert!(kept_edits > 20 * seeds, "{kept_edits}");
     assert!(
         stayed > 0 && 5 * dropped_in_vain < 2 * dropped,
         "{dropped_in_vain} of {dropped}; {stayed} stayed"
