@@ -299,7 +299,7 @@ fn random_edit(scene: &Scene, dice: &mut Dice, number: u32) -> (Scene, SceneChan
     let mesh_of = |name: &str| scene.nodes().get(name).and_then(|node| node.mesh.clone());
     match dice.below(9) {
         0 | 1 => {
-            let mesh = mesh_of(["tall block", "glass ball"][dice.below(2)]).unwrap();
+            let mesh = mesh_of(["tall block", "glass ball", "lamp"][dice.below(3)]).unwrap();
             let node = Node { parent: None, parent_from_node: dice.transform(), mesh: Some(mesh) };
             builder.add_node(id(format!("thing {number}")), node).unwrap();
         }
@@ -310,9 +310,15 @@ fn random_edit(scene: &Scene, dice: &mut Dice, number: u32) -> (Scene, SceneChan
             builder.remove_node(moving[dice.below(moving.len())].as_str()).unwrap();
         }
         5 => {
-            let name = ["red", "white", "lamp"][dice.below(3)];
-            let material = match name {
-                "lamp" => Material::emitter(dice.colour() * 20.0),
+            let name = ["red", "white", "lamp", "glass", "mirror"][dice.below(5)];
+            let material = match (name, dice.below(3)) {
+                ("lamp", 0 | 1) => Material::emitter(dice.colour() * 20.0),
+                ("glass" | "mirror", 0) => {
+                    Material { transmission: 1.0, roughness: 0.0, ..Material::default() }
+                }
+                ("glass" | "mirror", 1) => {
+                    Material { metallic: 1.0, roughness: 0.2 * dice.throw()[0], ..Material::default() }
+                }
                 _ => Material::lambert(dice.colour()),
             };
             builder.set_material(id(name.into()), material).unwrap();
