@@ -21,6 +21,7 @@ pub(super) struct Whose {
         ("viewer" = Option<u64>, Query, description = "Number of the connection; default: who watches longest, or the last that left")),
     responses(
         (status = 200, description = "Since that picture's film restarted", body = ref("#/components/schemas/Convergence")),
+        (status = 400, description = "`viewer` is no number", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 404, description = "No such scene or viewer", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
 pub(super) async fn get(
     State(service): State<Service>,

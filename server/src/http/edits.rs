@@ -96,6 +96,7 @@ pub(super) struct LogQuery {
         ("since" = Option<u64>, Query, description = "Only what came after this revision; default 0")),
     responses(
         (status = 200, description = "The batches, oldest first", body = ref("#/components/schemas/EventLog")),
+        (status = 400, description = "`since` is no revision", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 404, description = "No such scene, or batches so old are no longer kept", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
 pub(super) async fn log(
     State(service): State<Service>,

@@ -12,12 +12,12 @@ use std::sync::Arc;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::sync::watch;
 
-/// Follows the scene: one event per revision. A listener that falls too far behind is told so (`event: lagged`) and
+/// Follows the scene: where it is, then one event per revision. A listener that falls too far behind is told so (`event: lagged`) and
 /// dropped; `GET edits?since=` has what it missed.
 #[utoipa::path(get, path = "/v1/scenes/{id}/events", tag = "edits",
     params(("id" = String, Path, description = "Scene")),
     responses(
-        (status = 200, description = "`event: edit`, id: the revision, data: an EventEntry", body = ref("#/components/schemas/EventEntry"), content_type = "text/event-stream"),
+        (status = 200, description = "First `event: revision`, data `{\"revision\": N}`: where the scene is; then for every batch `event: edit`, id: the revision, data: an EventEntry; at the end `event: lagged`, data `{\"missed\": N}`, for a listener that fell behind, or `event: closed`, data `{}`, when the scene or the server goes", body = ref("#/components/schemas/EventEntry"), content_type = "text/event-stream"),
         (status = 404, description = "No such scene", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 429, description = "Too many listeners", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
 pub(super) async fn get(

@@ -44,6 +44,7 @@ pub(super) struct FrameQuery {
                 ("Lumicast-Error" = f64, description = "√relMSE as a fraction, where it was measured"),
                 ("Lumicast-Done-By" = String, description = "What ended it: error, time or samples (the server's `samples_max`)"),
                 ("Lumicast-Seconds" = f64, description = "Spent on it"))),
+        (status = 400, description = "A parameter that is not known, or is none", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 404, description = "No such scene or camera", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 422, description = "A parameter is out of range", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
         (status = 503, description = "Too many pictures at once", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json")))]
