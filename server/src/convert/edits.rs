@@ -245,7 +245,9 @@ fn set_environment(builder: &mut SceneBuilder, edit: &SetEnvironment) -> Result<
         SetEnvironment::Image { image, scale, rotation_rad } => {
             let texture = environment_texture(image)?;
             let texture_id = free_texture_id(builder.scene());
-            builder.add_texture(texture_id.clone(), texture)?;
+            builder
+                .add_texture(texture_id.clone(), texture)
+                .map_err(|error| Refusal { field: Some("image.texels".into()), reason: error.to_string() })?;
             Environment::Image { texture: texture_id, scale: Rgb::splat(*scale), rotation_rad: *rotation_rad }
         }
     };

@@ -78,7 +78,15 @@ impl SceneError {
             SceneError::BadId { kind, .. } => Some(kind),
             SceneError::Unknown { field, .. } | SceneError::BadValue { field, .. } => Some(field),
             SceneError::Duplicate { kind, .. } | SceneError::InUse { kind, .. } => Some(kind),
-            SceneError::OverLimit { what, .. } => Some(what),
+            SceneError::OverLimit { kind, what, .. } => Some(match (*kind, *what) {
+                ("mesh", "vertices") => "positions",
+                ("node", "emissive triangles") => "mesh",
+                ("node", "levels of nodes") => "parent",
+                ("material", "emissive triangles") => "emission",
+                ("mesh", what) => what,
+                // One too many of its kind: nothing but the op itself is at fault, which its id names.
+                (kind, _) => kind,
+            }),
         }
     }
 }

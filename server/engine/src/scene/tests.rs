@@ -63,6 +63,43 @@ fn emissive_triangles_of_all_instances_stay_within_the_limit() {
     builder.add_node(id("d"), node(Some("wall"), None)).unwrap();
 }
 
+/// A limit is told with the field of the edit that goes beyond it, or with what names the one too many.
+#[test]
+fn limits_name_the_field_at_fault() {
+    let limits = SceneLimits {
+        vertices_max: 12,
+        triangles_max: 6,
+        emissive_triangles_max: 4,
+        nodes_max: 2,
+        node_depth_max: 1,
+        materials_max: 2,
+        cameras_max: 0,
+        lights_max: 0,
+        ..SceneLimits::default()
+    };
+    let mut builder = SceneBuilder::new(limits);
+    builder.set_material(id("light"), Material::emitter(Rgb::WHITE)).unwrap();
+    builder.set_material(id("matt"), Material::lambert(Rgb::WHITE)).unwrap();
+    builder.add_mesh(id("lamp"), strip(3, &id("light"))).unwrap();
+    builder.add_mesh(id("wall"), strip(2, &id("matt"))).unwrap();
+    builder.add_node(id("a"), node(Some("lamp"), None)).unwrap();
+    let field = |result: Result<(), SceneError>| result.unwrap_err().field();
+    assert_eq!(field(builder.add_mesh(id("m"), strip(30, &id("matt")))), Some("positions"));
+    let [a, b, c] = [[0, 1, 2], [1, 2, 3], [2, 3, 0]];
+    let crossed = MeshSource { triangles: vec![a, b, c], ..strip(2, &id("matt")) };
+    let crossed = MeshSource { primitives: strip(3, &id("matt")).primitives, ..crossed };
+    let roomier = SceneLimits { triangles_max: 6, ..SceneLimits::default() };
+    let mut roomier = SceneBuilder::from_scene(builder.scene(), roomier);
+    assert_eq!(field(roomier.add_mesh(id("m"), crossed)), Some("triangles"));
+    assert_eq!(field(builder.add_node(id("b"), node(Some("lamp"), None))), Some("mesh"));
+    assert_eq!(field(builder.add_node(id("b"), node(None, Some("a")))), Some("parent"));
+    builder.add_node(id("w"), node(Some("wall"), None)).unwrap();
+    assert_eq!(field(builder.add_node(id("c"), node(None, None))), Some("node"));
+    let glowing = Material::emitter(Rgb::WHITE);
+    assert_eq!(field(builder.set_material(id("matt"), glowing)), Some("emission"));
+    assert_eq!(field(builder.set_material(id("third"), Material::default())), Some("material"));
+}
+
 /// A refused change leaves the scene and its counts as they were.
 #[test]
 fn refused_lamps_leave_no_trace() {
