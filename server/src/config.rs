@@ -534,6 +534,29 @@ mod tests {
         assert_eq!(load("frame_seconds = 3", &[], &[]).unwrap().frame_seconds, 3.0);
     }
 
+    /// What messages about scene files advise to raise can be raised.
+    #[test]
+    fn limits_of_files_are_settings() {
+        fn sources(folder: &Path, found: &mut String) {
+            for entry in std::fs::read_dir(folder).unwrap() {
+                let path = entry.unwrap().path();
+                match path.is_dir() {
+                    true => sources(&path, found),
+                    false => found.push_str(&std::fs::read_to_string(&path).unwrap()),
+                }
+            }
+        }
+        let mut text = String::new();
+        sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src/assets"), &mut text);
+        let named: Vec<&str> =
+            text.split("setting: \"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        assert!(named.len() >= 12, "{named:?}");
+        let table = table_of(&Config::default());
+        for name in named {
+            assert!(table.contains_key(name), "{name} is no setting");
+        }
+    }
+
     #[test]
     fn unknown_keys_and_bad_values_are_refused_by_name() {
         for (toml, named) in [

@@ -40,9 +40,17 @@ const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap()
 const MORE: f64 = 1.4;
 /// And for so many more of all records there are at least: all are copied to be shown.
 const COPIED_SHARE: f64 = 0.02;
-/// Of records that an edit left, a share whose light counts as gathered since: they are shown anew when light was gathered for
-/// [`MORE`] times as many.
-const SHOWN_ANEW_SHARE: f64 = 0.25;
+
+/// Records that an edit left.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum OldRecords {
+    /// None, or they hold light of now.
+    None,
+    /// They hold light of before, until photons and octree are those of now.
+    Waiting,
+    /// Light of now is being gathered for them.
+    Relighting,
+}
 
 /// Photons and octree, and what is gathered from them for those who look, improved step by step and kept through edits.
 #[derive(Debug)]
@@ -53,8 +61,8 @@ pub struct Learner {
     /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
-    /// Records were made with light of before an edit.
-    has_old_records: bool,
+    /// Where records stand that an edit left.
+    old_records: OldRecords,
     /// Who looks at what.
     gazes: HashMap<u64, (CameraView, PictureSize)>,
     known: Option<Arc<dyn SecondaryLight>>,
@@ -96,7 +104,7 @@ impl Learner {
             of,
             illumination,
             records: None,
-            has_old_records: false,
+            old_records: OldRecords::None,
             gazes: HashMap::new(),
             known: None,
             generation: 0,
@@ -201,7 +209,10 @@ impl Learner {
                     self.known = Some(records.snapshot());
                 }
                 self.generation += 1;
-                self.epoch += u64::from(std::mem::take(&mut self.is_stale));
+                // With old records among it what is known is of both scenes.
+                if self.old_records == OldRecords::None {
+                    self.epoch += u64::from(std::mem::take(&mut self.is_stale));
+                }
                 self.is_of_other_lights = false;
             }
             return is_better;
@@ -213,6 +224,14 @@ impl Learner {
         let progress = records.step(&mut step);
         self.record_counts += progress.counts;
         self.record_seconds += start.elapsed().as_secs_f64();
+        if records.is_relighting() {
+            return false;
+        }
+        if self.old_records != OldRecords::None {
+            self.old_records = OldRecords::None;
+            self.epoch += u64::from(std::mem::take(&mut self.is_stale));
+            return self.shows_all();
+        }
         let fresh = (records.gathered_count() - self.shown_count) as f64;
         let for_gaze = self.shown_count.saturating_sub(self.gaze_count) as f64;
         let count = records.cache().records().len();
@@ -225,8 +244,7 @@ impl Learner {
 
     /// Begins records, or has light gathered anew for those that an edit left.
     fn light_records(&mut self) {
-        let is_old = std::mem::take(&mut self.has_old_records);
-        if self.records.is_some() && !is_old {
+        if self.records.is_some() && self.old_records != OldRecords::Waiting {
             return;
         }
         let known = self.illumination.as_ref().and_then(Illumination::known).cloned();
@@ -240,6 +258,7 @@ impl Learner {
         let arriving = Arc::new(tracer);
         if let Some(records) = &mut self.records {
             records.relight(arriving, base);
+            self.old_records = OldRecords::Relighting;
             return;
         }
         let mut records = IrradianceCaching::new(self.of.irradiance, arriving, base);
@@ -270,24 +289,27 @@ impl Learner {
     /// before until it is gathered anew; where much of the light changed, and where there are no records, the octree answers.
     pub fn apply(&mut self, edit: &Edit<'_>) {
         let Some(illumination) = &mut self.illumination else { return };
+        if edit.change.leaves_light_alone() {
+            return;
+        }
         let before = illumination.generation();
         let begins_again = illumination.apply(edit);
         if illumination.generation() != before {
             self.known = illumination.known().cloned();
             self.generation += 1;
         }
-        self.is_stale = illumination.stage() != Stage::Complete;
-        self.is_of_other_lights = self.is_stale && (self.is_of_other_lights || !edit.leaves_lights());
-        match self.records.as_mut().filter(|_| !begins_again) {
-            Some(records) => {
-                records.apply(edit);
-                if records.cache().records().is_empty() {
-                    self.forget_records();
-                } else {
-                    self.keep_records();
-                }
+        let is_unknown = illumination.stage() != Stage::Complete;
+        self.is_stale |= is_unknown;
+        self.is_of_other_lights = is_unknown && (self.is_of_other_lights || !edit.leaves_lights());
+        if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
+            records.apply(edit);
+            if !records.cache().records().is_empty() {
+                return self.keep_records();
             }
-            None => self.forget_records(),
+        }
+        self.forget_records();
+        if !is_unknown {
+            self.epoch += u64::from(std::mem::take(&mut self.is_stale));
         }
     }
 
@@ -295,17 +317,17 @@ impl Learner {
     fn keep_records(&mut self) {
         let Some(records) = &self.records else { return };
         let count = records.cache().records().len();
-        self.has_old_records = true;
+        self.old_records = OldRecords::Waiting;
+        self.is_stale = true;
         self.known = Some(records.snapshot());
         self.generation += 1;
         (self.shown_count, self.shown_records) = (records.gathered_count(), count);
-        // As if somebody had looked on for a while: what is gathered anew is shown a good part at a time.
-        self.gaze_count = self.shown_count.saturating_sub((SHOWN_ANEW_SHARE * count as f64) as u64);
+        self.gaze_count = self.shown_count;
     }
 
     fn forget_records(&mut self) {
         (self.shown_count, self.shown_records, self.gaze_count) = (0, 0, 0);
-        self.has_old_records = false;
+        self.old_records = OldRecords::None;
         if self.records.take().is_some() {
             self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();
             self.generation += 1;

@@ -22,7 +22,7 @@ pub(super) struct LoadedMesh {
     pub(super) warnings: Vec<String>,
 }
 
-/// How much one mesh may still add to the scene.
+/// What the meshes of the scene hold by now, and may hold.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Room {
     pub(super) vertices_used: u64,

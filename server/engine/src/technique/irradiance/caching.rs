@@ -56,6 +56,8 @@ pub struct IrradianceCaching {
     batch: Option<Batch>,
     /// Where the records are, in their order.
     places: Vec<Place>,
+    /// Those that an edit left, with light of now, as far as it is gathered; `None` where all light is of now.
+    relit: Option<IrradianceCache>,
     refining: Refining,
     gathered_count: u64,
     /// Of the newest.
@@ -92,7 +94,7 @@ struct Refining {
 }
 
 impl Refining {
-    const BEGIN: Refining = Refining { visits: 0, next: 0 };
+    const BEGIN: Refining = Refining { visits: 1, next: 0 };
 }
 
 /// A view whose pixels are to have records.
@@ -139,6 +141,7 @@ impl IrradianceCaching {
             turn: 0,
             batch: None,
             places: Vec::new(),
+            relit: None,
             refining: Refining::BEGIN,
             gathered_count: 0,
             seconds_per_record: None,
@@ -184,13 +187,23 @@ impl IrradianceCaching {
     pub fn relight(&mut self, arriving: Arc<dyn ArrivingLight>, base: Option<Arc<dyn SecondaryLight>>) {
         self.arriving = arriving;
         self.stand_on(base);
-        self.places.iter_mut().for_each(|place| place.visits = 0);
-        self.refining = Refining::BEGIN;
+        self.begin_relighting();
+    }
+
+    fn begin_relighting(&mut self) {
+        self.batch = None;
+        self.relit = Some(IrradianceCache::new(self.cache.settings, self.base.clone()));
+    }
+
+    /// Light of before an edit is what records hold.
+    pub fn is_relighting(&self) -> bool {
+        self.relit.is_some()
     }
 
     /// Something else answers where no record counts.
     pub fn stand_on(&mut self, base: Option<Arc<dyn SecondaryLight>>) {
         self.cache.base = base.clone();
+        self.relit.iter_mut().for_each(|relit| relit.base = base.clone());
         self.base = base;
     }
 
@@ -199,9 +212,9 @@ impl IrradianceCaching {
         &self.cache
     }
 
-    /// What would be known in another scene of the light at the same places, gathered for as often.
+    /// Records at the same places of a scene, gathered for as often and taken in one after the other.
     #[cfg(test)]
-    pub(crate) fn gathered_afresh(&self, world: &World) -> Vec<Record> {
+    pub(crate) fn afresh(&self, world: &World) -> IrradianceCache {
         let never = AtomicBool::new(false);
         let by = self.gather_by(world, &never);
         let afresh = |place: &Place| {
@@ -212,7 +225,17 @@ impl IrradianceCaching {
             }
             record
         };
-        self.places.iter().map(afresh).collect()
+        let mut cache = IrradianceCache::new(self.cache.settings, None);
+        for (place, record) in self.places.iter().zip(&self.cache.records) {
+            cache.insert(Record { reach_min_m: record.reach_min_m, ..afresh(place) });
+        }
+        cache
+    }
+
+    /// The points of the records.
+    #[cfg(test)]
+    pub(crate) fn points(&self) -> impl Iterator<Item = &crate::accel::SurfacePoint> {
+        self.places.iter().map(|place| &place.seen.point)
     }
 
     /// Memory of records, where they are and what their rays saw.
@@ -227,7 +250,9 @@ impl IrradianceCaching {
 
     /// Every pixel that somebody looks at has records, or no more fit, and all are refined.
     pub fn is_complete(&self) -> bool {
-        self.next_gaze().is_none() && self.refining.visits >= self.settings.visits.get()
+        self.relit.is_none()
+            && self.next_gaze().is_none()
+            && self.refining.visits >= self.settings.visits.get()
     }
 
     /// Whose pixels lack records, beginning with whose turn it is.
@@ -312,27 +337,20 @@ impl IrradianceCaching {
         }
     }
 
-    /// After a walk: the next round, or in the last another one where neighbours took away what pixels were covered by that it had
-    /// passed.
+    /// After a walk: another one over every pixel where neighbours took away what pixels were covered by that it had passed,
+    /// or the next round.
     fn after_walk(&mut self, index: usize) {
-        let is_last_round = self.round + 1 == ROUNDS.len();
-        if !is_last_round {
-            self.go_finer();
-        } else {
-            self.gazes[index].is_covered = true;
-            self.walk_again(index);
-        }
-    }
-
-    /// Another walk over every pixel of a view where records count less far than they did on the last one.
-    fn walk_again(&mut self, index: usize) {
         let gaze = &mut self.gazes[index];
+        let is_last_round = self.round + 1 == ROUNDS.len();
         let has_lost = self.cache.shrunk_count > gaze.shrunk_before;
-        if has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
+        if is_last_round && has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
             gaze.walk = Walk::over_all(gaze.size);
             gaze.shrunk_before = self.cache.shrunk_count;
             gaze.walks_again += 1;
-            gaze.is_covered = false;
+        } else if !is_last_round {
+            self.go_finer();
+        } else {
+            gaze.is_covered = true;
         }
     }
 
@@ -360,6 +378,7 @@ impl IrradianceCaching {
         self.cache = IrradianceCache::new(self.settings.rougher(ROUNDS[0]), self.base.clone());
         self.batch = None;
         self.places.clear();
+        self.relit = None;
         self.refining = Refining::BEGIN;
         self.may_drop = false;
         self.begin_walks();
@@ -378,12 +397,10 @@ impl IrradianceCaching {
         let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
             return Counts::default();
         };
-        let accuracy = self.cache.settings.weighing.accuracy;
         for (index, Gathered { record, sight }) in due.iter().zip(gathered) {
             let place = &mut self.places[*index];
-            let known = std::mem::replace(&mut self.cache.records[*index], record);
-            self.cache.shrunk_count += u64::from(record.reach_m(accuracy) < known.reach_m(accuracy));
-            place.sight = if visits == 0 { sight } else { place.sight.union(&sight) };
+            self.cache.records[*index] = record;
+            place.sight = place.sight.union(&sight);
             place.visits += 1;
         }
         self.gathered_count += due.len() as u64;
@@ -392,8 +409,35 @@ impl IrradianceCaching {
             Some(last) => Refining { visits, next: last + 1 },
             None => Refining { visits: visits + 1, next: 0 },
         };
-        if visits == 0 && due.is_empty() {
-            (0..self.gazes.len()).for_each(|index| self.walk_again(index));
+        counts
+    }
+
+    /// Gathers light of now for the next records that an edit left. All are taken in as if they had just been found, and then what is
+    /// missing beside them is made.
+    fn relight_some(&mut self, step: &Step<'_>) -> Counts {
+        let start = Instant::now();
+        let Some(mut relit) = self.relit.take() else { return Counts::default() };
+        let by = self.gather_by(step.world, step.cancel);
+        let first = relit.records.len();
+        let end = self.places.len().min(first + self.records_per_step(by));
+        let points: Vec<Seen> = self.places[first..end].iter().map(|place| place.seen).collect();
+        let Some((gathered, counts)) = by.gather_all(&points) else {
+            self.relit = Some(relit);
+            return Counts::default();
+        };
+        self.take_pace(gathered.len(), start);
+        self.gathered_count += gathered.len() as u64;
+        for (index, Gathered { record, sight }) in (first..end).zip(gathered) {
+            let place = &mut self.places[index];
+            (place.sight, place.visits) = (sight, 1);
+            relit.insert(Record { reach_min_m: self.cache.records[index].reach_min_m, ..record });
+        }
+        if end < self.places.len() {
+            self.relit = Some(relit);
+        } else {
+            self.cache = relit;
+            self.refining = Refining::BEGIN;
+            self.begin_walks();
         }
         counts
     }
@@ -408,6 +452,7 @@ impl Technique for IrradianceCaching {
         let mut counts = Counts::default();
         if !self.is_complete() && !step.cancel.load(Ordering::Relaxed) {
             counts = match self.next_gaze() {
+                _ if self.relit.is_some() => self.relight_some(step),
                 Some(index) => self.cover_some(index, step),
                 None => self.refine_some(step),
             };
@@ -416,14 +461,19 @@ impl Technique for IrradianceCaching {
     }
 
     /// Drops the records whose rays may have met what the edit touched; the rest stay where they are, and light is gathered for them
-    /// anew. Where lights changed all of it is wrong, and while records are still rough there are few.
+    /// anew before anything else. Where lights changed all of it is wrong; while records are still rough there are few; and none stays
+    /// through two edits with light of before both.
     fn apply(&mut self, edit: &Edit<'_>) {
         if edit.change.leaves_light_alone() {
             return;
         }
         let (before, after) = (edit.before.accel(), edit.after.accel());
         let is_rough = self.round + 1 < ROUNDS.len();
-        if is_rough || !edit.leaves_lights() || before.origin_in_world() != after.origin_in_world() {
+        if is_rough
+            || self.relit.is_some()
+            || !edit.leaves_lights()
+            || before.origin_in_world() != after.origin_in_world()
+        {
             self.drop_all();
             return;
         }
@@ -441,17 +491,20 @@ impl Technique for IrradianceCaching {
         self.cache.rougher = None;
         let mut kept = is_kept.iter();
         self.places.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        if self.places.is_empty() {
+            self.drop_all();
+            return;
+        }
         let renamed = renamed_instances(before, after);
         for place in &mut self.places {
-            place.visits = 0;
             let on = &mut place.seen.point.on;
             *on = renamed
                 .get(on.instance as usize)
                 .and_then(|number| *number)
                 .map_or(TriangleId::NONE, |instance| TriangleId { instance, ..*on });
         }
-        self.batch = None;
-        self.refining = Refining::BEGIN;
-        self.begin_walks();
+        // Where they are too many for what is looked at then, there is room for it.
+        self.may_drop = true;
+        self.begin_relighting();
     }
 }

@@ -140,14 +140,8 @@ impl Record {
         record
     }
 
-    /// Takes in another gathering at the same point, after so many `visits`: after none, in place of what was known. It counts no
-    /// farther for it.
-    fn refine(&mut self, visits: u32, newest: Record) {
-        if visits == 0 {
-            let radius_m = self.radius_m.min(newest.radius_m);
-            *self = Record { radius_m, reach_min_m: self.reach_min_m, ..newest };
-            return;
-        }
+    /// Takes in another gathering at the same point, after so many `visits`. How far it counts stays.
+    fn refine(&mut self, visits: u32, newest: &Record) {
         let share = 1.0 / (visits as f32 + 1.0);
         self.irradiance = self.irradiance * (1.0 - share) + newest.irradiance * share;
         let towards = |gradient: &mut Gradient, newest: Gradient| {
@@ -214,7 +208,7 @@ impl GatherBy<'_> {
         let (mut gathered, counts) = self.gather(points, visits)?;
         for (newest, known) in gathered.iter_mut().zip(records) {
             let mut record = *known;
-            record.refine(visits, newest.record);
+            record.refine(visits, &newest.record);
             newest.record = record;
         }
         Some((gathered, counts))
