@@ -211,7 +211,7 @@ settings! {
     /// quadruples memory and time.
     octree_depth: u32 = 8;
     /// Irradiance records that a scene keeps for each bound on bounces that somebody looks with, 1,000 to 10 million; about
-    /// 500 bytes each with their places, index and the copy that is shown. When no more fit and somebody looks elsewhere, those
+    /// 600 bytes each with their places, index and the copy that is shown. When no more fit and somebody looks elsewhere, those
     /// for what is looked at then are made anew.
     irradiance_records: u32 = 500_000;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a

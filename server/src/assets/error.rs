@@ -33,7 +33,7 @@ pub enum AssetError {
     },
     /// A limit of [`super::AssetLimits`].
     #[error(
-        "{file}: {object}: {value} {what}, the limit is {limit}; raise `{setting}` if the file can be trusted"
+        "{file}: {object}: {value} {what}, the limit is {limit}; `lumicast serve --set {setting}=…` raises it, if the file can be trusted"
     )]
     OverLimit {
         /// The file.

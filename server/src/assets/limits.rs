@@ -25,6 +25,32 @@ pub struct AssetLimits {
     pub scene: SceneLimits,
 }
 
+impl AssetLimits {
+    /// For what this program has written itself: only what no scene may have, coordinates beyond reason, is refused.
+    pub fn none() -> AssetLimits {
+        AssetLimits {
+            file_bytes_max: u64::MAX,
+            buffers_bytes_max: u64::MAX,
+            json_bytes_max: u64::MAX,
+            json_values_max: u64::MAX,
+            image_pixels_max: u64::MAX,
+            accessor_elements_max: u64::MAX,
+            scene: SceneLimits {
+                vertices_max: u64::MAX,
+                triangles_max: u64::MAX,
+                emissive_triangles_max: u64::MAX,
+                texels_max: u64::MAX,
+                nodes_max: usize::MAX,
+                node_depth_max: usize::MAX,
+                materials_max: usize::MAX,
+                lights_max: usize::MAX,
+                cameras_max: usize::MAX,
+                ..SceneLimits::default()
+            },
+        }
+    }
+}
+
 impl Default for AssetLimits {
     fn default() -> AssetLimits {
         AssetLimits {

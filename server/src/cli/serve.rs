@@ -89,8 +89,8 @@ impl ServeArgs {
         }
         if let Some((first, second, id)) = same_id(&self.scenes) {
             return Err(format!(
-                "{first} and {second} would both be the scene {id:?}: rename one of the files, or make the second a scene \
-                 of another id by POST /v1/scenes?id=…"
+                "{first} and {second} would both be the scene {id:?}: rename one of the files, or post it as a .glb with an id \
+                 of its own, POST /v1/scenes?id=…"
             )
             .into());
         }

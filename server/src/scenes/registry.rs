@@ -4,7 +4,7 @@ use super::desk::Desk;
 use super::history::{History, Keys};
 use super::painter::Painter;
 use super::{Board, Scene, Snapshot, Workshop, lock};
-use crate::assets::{self, AssetError, BuiltinScene};
+use crate::assets::{self, AssetError, AssetLimits, BuiltinScene};
 use crate::convert;
 use crate::store::{Base, SceneStore, StoreError, Stored};
 use crate::telemetry::SceneFigures;
@@ -144,7 +144,7 @@ impl Scenes {
     pub fn create(&self, id: SceneId, name: &str, origin: Origin) -> Result<Arc<Scene>, CreateError> {
         let _making = lock(&self.making);
         self.room_for(&id)?;
-        let (scene, base) = self.load(origin)?;
+        let (scene, base) = self.load(origin, &self.workshop.config.asset_limits())?;
         let snapshot = self.prepare(scene, 1);
         let store = match &self.workshop.store {
             Some(store) => Some(store.create(&id, name, &base)?),
@@ -175,15 +175,15 @@ impl Scenes {
             Base::Builtin(name) => Origin::Builtin(name),
             Base::Glb(bytes) => Origin::Glb(bytes),
         };
-        let (mut scene, _) = self.load(origin)?;
+        // What was accepted under larger limits stays accepted.
+        let assets = AssetLimits::none();
+        let (mut scene, _) = self.load(origin, &assets)?;
         let (keys_max, mut history) = self.fresh_history();
         let mut keys = Keys::new(keys_max);
         for kept in kept {
             keys.insert(kept.key, kept.digest, kept.revision);
         }
-        let mut limits = self.workshop.edit_limits();
-        // What was accepted under larger limits stays accepted.
-        limits.edits_per_batch = usize::MAX;
+        let limits = convert::EditLimits { scene: assets.scene, assets, edits_per_batch: usize::MAX };
         let revision = base_revision + records.len() as u64;
         for record in records {
             let applied = convert::apply(&scene, &record.edits, &limits).map_err(|problem| {
@@ -217,16 +217,15 @@ impl Scenes {
         }
     }
 
-    fn load(&self, origin: Origin) -> Result<(engine_scene::Scene, Base), CreateError> {
-        let limits = self.workshop.config.asset_limits();
+    fn load(&self, origin: Origin, limits: &AssetLimits) -> Result<(engine_scene::Scene, Base), CreateError> {
         match origin {
             Origin::Builtin(name) => match BuiltinScene::named(&name) {
                 Some(scene) => Ok((scene.load()?, Base::Builtin(name))),
                 None => Err(CreateError::UnknownBuiltin(name)),
             },
-            Origin::Glb(bytes) => Ok((assets::load_glb(&bytes, &limits)?, Base::Glb(bytes))),
+            Origin::Glb(bytes) => Ok((assets::load_glb(&bytes, limits)?, Base::Glb(bytes))),
             Origin::File(path) => {
-                let scene = assets::load_scene(&path, &limits)?;
+                let scene = assets::load_scene(&path, limits)?;
                 // Without a store the base is never looked at.
                 let base = match self.workshop.is_durable() {
                     true => Base::Glb(assets::export_glb(&scene)?),

@@ -73,7 +73,6 @@ fn limits_name_the_field_at_fault() {
         nodes_max: 2,
         node_depth_max: 1,
         materials_max: 2,
-        cameras_max: 0,
         lights_max: 0,
         ..SceneLimits::default()
     };
@@ -98,6 +97,9 @@ fn limits_name_the_field_at_fault() {
     let glowing = Material::emitter(Rgb::WHITE);
     assert_eq!(field(builder.set_material(id("matt"), glowing)), Some("emission"));
     assert_eq!(field(builder.set_material(id("third"), Material::default())), Some("material"));
+    let kind = LightKind::Point { intensity: Rgb::WHITE };
+    let lamp = Light { parent: None, position: DVec3::ZERO, direction: DVec3::Z, kind };
+    assert_eq!(field(builder.add_light(id("l"), lamp)), Some("light"));
 }
 
 /// A refused change leaves the scene and its counts as they were.

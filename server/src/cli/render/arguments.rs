@@ -85,7 +85,8 @@ pub struct RenderArgs {
     /// Tone map of PNG and JPEG: linear, reinhard, aces, agx
     #[arg(long, value_name = "NAME", default_value = "aces")]
     pub tone_map: ToneMap,
-    /// Write 0001.exr, 0002.exr … at 0.1, 0.2, 0.5, 1, 2, 5 … seconds and at the end, and index.json
+    /// Write 0001.exr, 0002.exr … at 0.1, 0.2, 0.5, 1, 2, 5 … seconds, as far as there is a picture by then and no pass under way,
+    /// and at the end, and index.json, which tells each one's seconds
     #[arg(long, value_name = "DIR")]
     pub snapshots: Option<PathBuf>,
     /// Write times, counts, bytes, effects and the error as JSON

@@ -105,9 +105,14 @@ impl Snapshots {
 
 /// Removes the pictures that an index in the folder names, and the index: beside the new ones they would look like part of them.
 fn remove_old(folder: &Path) -> std::io::Result<()> {
+    // Other programs keep indices as well: every entry has what ours have.
     #[derive(serde::Deserialize)]
     struct Named {
         file: String,
+        #[serde(rename = "seconds")]
+        _seconds: f64,
+        #[serde(rename = "technique")]
+        _technique: String,
     }
     let index = folder.join("index.json");
     let Ok(json) = fs::read(&index) else { return Ok(()) };
@@ -117,7 +122,7 @@ fn remove_old(folder: &Path) -> std::io::Result<()> {
         file.strip_suffix(".exr")
             .is_some_and(|number| number.len() >= 4 && number.bytes().all(|digit| digit.is_ascii_digit()))
     };
-    for Named { file } in named.iter().filter(|named| is_ours(&named.file)) {
+    for Named { file, .. } in named.iter().filter(|named| is_ours(&named.file)) {
         match fs::remove_file(folder.join(file)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
             _ => {}
@@ -160,8 +165,10 @@ mod tests {
             put(name, "x");
         }
         let entries = ["0001.exr", "0002.exr", "0003.exr", "mine.exr", "../notes.txt", "notes.txt"];
-        let json: Vec<String> =
-            entries.iter().map(|file| format!(r#"{{"seconds":1,"file":"{file}"}}"#)).collect();
+        let entry = |file: &&str| {
+            format!(r#"{{"seconds":1,"file":"{file}","error":null,"error_ci":null,"technique":"path"}}"#)
+        };
+        let json: Vec<String> = entries.iter().map(entry).collect();
         put("index.json", &format!("[{}]", json.join(",")));
         Snapshots::new(folder.path()).unwrap();
         let mut left: Vec<String> = fs::read_dir(folder.path())
@@ -170,9 +177,11 @@ mod tests {
             .collect();
         left.sort();
         assert_eq!(left, ["0009.exr", "mine.exr", "notes.txt"]);
-        put("index.json", "not ours");
-        Snapshots::new(folder.path()).unwrap();
-        assert!(folder.path().join("index.json").exists());
+        for foreign in ["not ours", r#"[{"file":"0009.exr"}]"#] {
+            put("index.json", foreign);
+            Snapshots::new(folder.path()).unwrap();
+            assert!(folder.path().join("index.json").exists() && folder.path().join("0009.exr").exists());
+        }
     }
 
     /// The schedule is the contract's.
