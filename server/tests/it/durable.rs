@@ -179,7 +179,7 @@ async fn the_edit_command_sends_a_batch() {
     server.stop().await;
 }
 
-/// A scene made over HTTP is there after a restart, one deleted is not.
+/// A scene made over HTTP is there after a restart, also where no such scene would be accepted by then; one deleted is not.
 #[tokio::test]
 async fn made_and_deleted_scenes_are_remembered() {
     let dir = tempfile::tempdir().unwrap();
@@ -205,9 +205,18 @@ async fn made_and_deleted_scenes_are_remembered() {
     }
     let before = server.get("/v1/scenes/b").await.text();
     server.stop().await;
-    let server = Server::start(|config| config.data = path).await;
+    let server = Server::start(|config| {
+        config.data = path;
+        (config.edits_per_batch, config.scene_vertices, config.scene_triangles) = (1, 1, 1);
+        (config.scene_emissive_triangles, config.scene_nodes, config.scene_objects) = (1, 1, 1);
+        (config.file_bytes, config.file_json_bytes, config.file_json_values) = (1, 1, 1);
+        (config.accessor_elements, config.image_texels, config.file_side_bytes) = (1, 1, 1);
+    })
+    .await;
     server.get("/v1/scenes/a").await.problem(404);
     assert_eq!(server.get("/v1/scenes/b").await.text(), before, "replayed to the last bit");
+    let more = server.request("POST", "/v1/scenes?name=c", &headers, glb).await;
+    assert!(more.problem(422)["detail"].as_str().unwrap().contains("--set file_json_bytes="));
     server.stop().await;
 }
 
