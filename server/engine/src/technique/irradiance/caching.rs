@@ -1,7 +1,8 @@
 //! Making records for those who look, on the rayon pool it is called in.
 //!
 //! Every view that is looked through is walked until all its pixels are covered, first for a rough answer, then for finer
-//! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves.
+//! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves. An edit drops those
+//! whose rays met what it touched (`sight.rs`); light is gathered anew for the others before anything else is done.
 
 use std::{
     sync::{
