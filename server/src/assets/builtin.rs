@@ -20,6 +20,11 @@ impl BuiltinScene {
         Self::ALL.into_iter().find(|scene| scene.name() == name)
     }
 
+    /// All names, for messages.
+    pub fn names() -> String {
+        Self::ALL.map(BuiltinScene::name).join(" and ")
+    }
+
     /// As on the command line behind `builtin:`, and in requests.
     pub fn name(self) -> &'static str {
         match self {

@@ -145,7 +145,7 @@ fn load_all(scenes: &Scenes, sources: &[SceneSource]) -> Result<(), CreateError>
         if let Some(scene) = scenes.get(&id) {
             tracing::info!(
                 scene = %id, revision = scene.revision(),
-                "restored from the data folder with its edits; the file was not read again"
+                "restored from the data folder with its edits; its file, if it has one, was not read again"
             );
             continue;
         }

@@ -41,7 +41,7 @@ pub enum CreateError {
     #[error("there are {0} scenes, the most this server takes")]
     TooMany(usize),
     /// There is no built-in scene of that name.
-    #[error("there is no built-in scene {0:?}: there are `cornell-box` and `boxes`")]
+    #[error("there is no built-in scene {0:?}: there are {names}", names = BuiltinScene::names())]
     UnknownBuiltin(String),
     /// A batch of the log no longer applies.
     #[error("scene {id:?}: revision {revision} of its log can no longer be applied: {reason}")]

@@ -34,9 +34,7 @@ impl Technique {
     pub(crate) const fn on_cpu(indirect: Indirect) -> Technique {
         Technique { indirect, backend: Backend::Cpu }
     }
-}
 
-impl Technique {
     /// The scene as this technique can draw it on the backend that it is named for: caustics are drawn with photons of their own, and
     /// what looks light up in the octree then leaves the card alone.
     pub(crate) fn within_reach(self, draft: &Draft) -> Draft {

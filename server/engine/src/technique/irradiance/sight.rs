@@ -1,7 +1,8 @@
 //! How far a record's rays went, direction by direction: which of them may have met what an edit touched.
 //!
 //! A bound, not a list: the hemisphere in 100 cells of an octahedron's upper half, each with the way of its longest ray, rounded up. A
-//! record whose bound misses every box of an edit saw nothing of it.
+//! record whose bound misses every box of an edit met nothing of it. What shadows it throws, and what mirrors show of it, is not in
+//! here: for that light is gathered anew for every record that stays.
 
 use std::sync::LazyLock;
 
@@ -9,8 +10,8 @@ use glam::{Vec2, Vec3};
 
 use crate::{math::Frame, technique::Touched};
 
-/// Cells along a side of the square that the hemisphere is laid out on: a record with its bound is to fit in 256 bytes. Of half as
-/// many, more crudely tested, nearly half as many records stayed through the edits of the laws.
+/// Cells along a side of the square that the hemisphere is laid out on: a record with its bound is to fit in 256 bytes. With 64 cells
+/// of the whole sphere, more crudely tested, 2,104 records stayed through the edits of the laws, with these 3,697.
 const SIDE: usize = 10;
 /// Steps of a length's logarithm to an octave.
 const PER_OCTAVE: f32 = 4.0;
