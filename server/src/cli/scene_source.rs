@@ -23,7 +23,8 @@ impl FromStr for SceneSource {
         match value.strip_prefix("builtin:") {
             None => Ok(SceneSource::File(value.into())),
             Some(name) => BuiltinScene::named(name).map(SceneSource::Builtin).ok_or_else(|| {
-                format!("there is no built-in scene {name:?}: there are {}", BuiltinScene::names())
+                let known = BuiltinScene::ALL.map(|scene| format!("builtin:{}", scene.name()));
+                format!("there is no {value:?}: there are {}", known.join(" and "))
             }),
         }
     }
@@ -72,6 +73,6 @@ mod tests {
             assert_eq!(format!("builtin:{}", scene.name()).parse(), Ok(SceneSource::Builtin(scene)));
         }
         assert_eq!("a/b.glb".parse(), Ok(SceneSource::File("a/b.glb".into())));
-        assert!("builtin:sponza".parse::<SceneSource>().unwrap_err().contains("cornell-box and boxes"));
+        assert!("builtin:sponza".parse::<SceneSource>().unwrap_err().contains("builtin:cornell-box and builtin:boxes"));
     }
 }
