@@ -69,6 +69,8 @@ struct ScatteredLight {
     share: vec3f,
     /// What lies nearer is lost in the blur, m; 0: nobody asked, or there is no light.
     lost_m: f32,
+    /// Nothing is known here, though elsewhere it is.
+    is_missing: bool,
 }
 
 fn octahedral_fold(square: vec2f) -> vec2f {
@@ -214,7 +216,7 @@ fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
 /// - `is_drawn`: a direction that light comes from is asked for, where anything is near
 /// - `draw`: random numbers that it is drawn by
 fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
-    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), vec3f(0.0), 0.0);
+    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), vec3f(0.0), 0.0, false);
     var drawn = DrawnLight(draw.x, 0.0, NO_CELL, 0u);
     if octree.depth == 0u {
         return light;
@@ -273,6 +275,8 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
         light.indirect /= total;
         light.caustic /= total;
         light.blur_m = blurs_m / total;
+    } else {
+        light.is_missing = true;
     }
     if !is_drawn || is_alone {
         return light;

@@ -10,8 +10,10 @@ struct ScatteredLight {
     share: vec3f,
     /// What lies nearer is lost in the blur, m; 0: nobody asked, or there is no light.
     lost_m: f32,
+    /// Nothing is known here, though elsewhere it is.
+    is_missing: bool,
 }
 
 fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
-    return ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0);
+    return ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0, false);
 }

@@ -65,7 +65,7 @@ fn advance(slot: u32) -> bool {
     // by one scattering less.
     let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
         && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
-    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0);
+    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0, false);
     var is_near = false;
     if is_asked {
         let is_drawn = SHADOWS_KNOWN && pass_header.index >= pass_header.shadowed_from && !is_beyond_near;
@@ -74,7 +74,10 @@ fn advance(slot: u32) -> bool {
             draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
         }
         known = scattered_light(surface, -path.direction, is_drawn, draw);
-        is_near = LOOKS_PAST && (passing >> NEAR_COUNT_SHIFT) < NEAR_MAX && hit.t < NEAR_BLURS * known.blur_m;
+        let is_too_near = LOOKS_PAST && hit.t < NEAR_BLURS * known.blur_m;
+        // Never where scatterings are bounded.
+        let is_passed = known.is_missing && pass_header.bounces_end >= BOUNCES_END;
+        is_near = (passing >> NEAR_COUNT_SHIFT) < NEAR_MAX && (is_too_near || is_passed);
     }
     let followed = select(FOLLOWED_WANTED, select(FOLLOWED_SPECULAR, FOLLOWED_ALL, is_near), is_beyond_near);
     add_light_sample(slot, path, hit, surface, sampler, followed);

@@ -58,6 +58,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("TEXTURE_SRGB", Constant::U32(16)),
     ("TEXTURE_WRAP_U_SHIFT", Constant::U32(8)),
     ("TEXTURE_WRAP_V_SHIFT", Constant::U32(10)),
+    ("BOUNCES_END", Constant::U32(4096)),
     ("ROULETTE_FREE_BOUNCES", Constant::U32(2)),
     ("SURVIVAL_MAX", Constant::F32(0.998)),
     ("LIKE_COS", Constant::F32(0.3)),

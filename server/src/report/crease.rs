@@ -177,7 +177,7 @@ impl<E: Estimate> SecondaryLight for Shown<E> {
         let n = if is_front { n_geo } else { -n_geo };
         let [indirect, caustic] = self.0.irradiance(place, surface.point.position, n);
         let f = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo));
-        ScatteredLight { indirect: f * indirect, caustic: f * caustic, blur_m: 0.0, from: None }
+        ScatteredLight { indirect: f * indirect, caustic: f * caustic, ..ScatteredLight::default() }
     }
 }
 

@@ -183,10 +183,11 @@ impl SecondaryLight for LightOctree {
             }
         }
         let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m };
+        let is_missing = around.count == 0 && !self.sets.is_empty();
         let from = draw
             .filter(|_| !is_alone)
             .and_then(|draw| self.drawn(&around, &shading, n_facing, self.lost_m(blur_m), draw));
-        ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from }
+        ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from, is_missing }
     }
 }
 

@@ -224,8 +224,8 @@ impl Tracer<'_> {
         }
         let known = self.known_at(path, &surface);
         let is_near = known.is_some_and(|known| {
-            let is_passed = self.near == Near::LookedPast && path.near_count < NEAR_MAX;
-            is_passed && hit.t < NEAR_BLURS * known.blur_m
+            let is_too_near = self.near == Near::LookedPast && hit.t < NEAR_BLURS * known.blur_m;
+            path.near_count < NEAR_MAX && (is_too_near || known.is_missing && self.settings.passes_missing())
         });
         let followed = match (is_beyond_near, is_near) {
             (false, _) => Followed::Wanted,

@@ -47,7 +47,7 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     transport::{PathClass, PathClasses, ShadowRay, World},
 };
-use cpu::{BLURRED_SAMPLES, Near, Tracer, primary_ray};
+use cpu::{BLURRED_SAMPLES, BOUNCES_END, Near, Tracer, primary_ray};
 
 /// Parameters of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +75,11 @@ impl PathSettings {
     /// what is known of what lies near has as many behind it as what is known of the surface that it lies near to, not one less.
     fn shadowed_from(&self) -> u32 {
         if self.bounces_max.is_some() { u32::MAX } else { BLURRED_SAMPLES }
+    }
+
+    /// Paths go on where nothing is known. Never where scatterings are bounded, for the same reason.
+    fn passes_missing(&self) -> bool {
+        self.bounces_max.is_none_or(|bounces| bounces >= BOUNCES_END)
     }
 
     /// Light seen directly and direct light; the rest is asked for.

@@ -307,7 +307,7 @@ impl SecondaryLight for EvenSecondary {
 
     fn scattered(&self, surface: &Surface, wo: Vec3, _draw: Option<[f32; 3]>) -> ScatteredLight {
         let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * self.irradiance;
-        ScatteredLight { indirect, caustic: Rgb::BLACK, blur_m: self.blur_m, from: None }
+        ScatteredLight { indirect, caustic: Rgb::BLACK, blur_m: self.blur_m, ..ScatteredLight::default() }
     }
 
     fn has_caustics(&self) -> bool {
@@ -383,7 +383,17 @@ fn mean_seen(
     indices: std::ops::Range<u32>,
     rays: impl Fn([f32; 4]) -> Ray,
 ) -> ([f64; 4], u64) {
-    let settings = PathSettings::all(None, 3).asking();
+    mean_seen_as(PathSettings::all(None, 3).asking(), world, secondary, near, indices, rays)
+}
+
+fn mean_seen_as(
+    settings: PathSettings,
+    world: &World,
+    secondary: &dyn SecondaryLight,
+    near: Near,
+    indices: std::ops::Range<u32>,
+    rays: impl Fn([f32; 4]) -> Ray,
+) -> ([f64; 4], u64) {
     let tracer = Tracer { world, view: None, settings, secondary: Some(secondary), caustics: None, near };
     let (mut sums, mut counts) = ([0.0; 4], Counts::default());
     for index in indices.clone() {
@@ -457,6 +467,38 @@ fn corners_of_a_furnace_stay_even_with_shadows() {
         assert_eq!(count > blurred_count + 30_000, name != "wall", "{name}: {count} {blurred_count}");
         assert!((mean - 1.0).abs() < if name == "wall" { 0.01 } else { 0.03 }, "{name}: {mean}");
     }
+}
+
+/// What came to stand in a furnace after its octree was made shines as all else there, though the octree knows nothing of it; with
+/// a bound of scatterings it shows emitted and direct light alone.
+#[test]
+fn what_the_octree_does_not_know_is_lit_by_what_it_knows() {
+    let (albedo, emission) = (0.6f32, 0.5f32);
+    let before = Arc::new(World::prepare(Arc::new(samples::furnace(albedo, emission).unwrap())));
+    let known = known_by_octree(&before, 100_000);
+    let mut stage = Stage::default();
+    let even = Material {
+        emission: Rgb::splat(emission),
+        double_sided: true,
+        ..Material::lambert(Rgb::splat(albedo))
+    };
+    let even = stage.material("even", even).unwrap();
+    for (name, half_m) in [("walls", 1.0), ("box", 0.2)] {
+        let cuboid = samples::cuboid(DVec3::splat(-half_m), DVec3::splat(half_m), &even);
+        stage.place(name, cuboid, DAffine3::IDENTITY).unwrap();
+    }
+    let world = World::prepare(Arc::new(stage.finish()));
+    let radiance = f64::from(emission / (1.0 - albedo));
+    let at_the_box =
+        |[u, v, ..]: [f32; 4]| Ray::new(Vec3::new(0.4 * u - 0.2, 0.5, 0.4 * v - 0.2), Vec3::NEG_Y);
+    let (seen, _) = mean_seen(&world, known.as_ref(), Near::Shadowed, 0..20_000, at_the_box);
+    let mean = seen.iter().sum::<f64>();
+    assert!((mean / radiance - 1.0).abs() < 0.02, "{seen:?} for {radiance}");
+
+    let bounded = PathSettings::all(Some(3), 3).asking();
+    let (seen, _) = mean_seen_as(bounded, &world, known.as_ref(), Near::Shadowed, 0..20_000, at_the_box);
+    let (mean, direct) = (seen.iter().sum::<f64>(), f64::from(emission * (1.0 + albedo)));
+    assert!((mean / direct - 1.0).abs() < 0.02, "{seen:?} for {direct}");
 }
 
 /// What shows its colour unlit is no light, and still seen in a mirror by the last of a bounded number of scatterings; so is a lamp,
@@ -604,7 +646,7 @@ impl SecondaryLight for Traced {
             indirect: drawn.weight * indirect,
             caustic: drawn.weight * caustic,
             blur_m: 100.0,
-            from: None,
+            ..ScatteredLight::default()
         }
     }
 

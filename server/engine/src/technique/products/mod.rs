@@ -48,6 +48,8 @@ pub struct ScatteredLight {
     pub blur_m: f32,
     /// Where some of the indirect light comes from; `None` where nobody asked, that is not known, or nothing is near.
     pub from: Option<LitFrom>,
+    /// Nothing is known here, though elsewhere it is, as where something came to stand since: paths go on, and ask what they meet.
+    pub is_missing: bool,
 }
 
 /// A direction that indirect light comes from, drawn about in proportion to what the diffuse lobe sends on of it.

@@ -14,7 +14,7 @@ use crate::{
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
         GpuOctreeHeader, LIKE_COS, PackedLight, SecondaryLight,
-        path::cpu::{FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+        path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
 };
@@ -69,6 +69,7 @@ impl GpuWorld {
             ("FLOAT_MAX", Constant::F32(f32::MAX)),
             ("GAMMA_5", Constant::F32(GAMMA_5)),
             ("GAMMA_19", Constant::F32(GAMMA_19)),
+            ("BOUNCES_END", Constant::U32(BOUNCES_END)),
             ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
             ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
             ("LIKE_COS", Constant::F32(LIKE_COS)),

@@ -35,7 +35,7 @@ const SHADOWED_PASS: u32 = 2 * BLURRED_SAMPLES;
 #[test]
 fn the_octree_answers_the_same_on_a_card() {
     let Some(gpu) = shared() else { return };
-    let glossy = {
+    let balls = || {
         let mut stage = room();
         let plastic = Material { roughness: 0.4, base_color: Rgb::new(0.2, 0.6, 0.9), ..Material::default() };
         let plastic = stage.material("plastic", plastic).unwrap();
@@ -43,18 +43,27 @@ fn the_octree_answers_the_same_on_a_card() {
         let half_glass = Material { transmission: 0.5, roughness: 0.0, ..Material::default() };
         let half_glass = stage.material("half glass", half_glass).unwrap();
         placed(&mut stage, "small ball", samples::sphere(DVec3::new(0.9, -0.6, 0.7), 0.35, 12, &half_glass));
-        stage.finish()
+        stage
     };
-    for (name, scene, bounces_max) in [
-        ("boxes", samples::boxes().unwrap(), None),
-        ("cornell box", samples::cornell_box().unwrap(), None),
-        ("plastic and half glass", glossy, None),
+    // A ball that came when the octree was made already.
+    let late = {
+        let mut stage = balls();
+        let matt = stage.material("matt", Material::lambert(Rgb::new(0.8, 0.5, 0.3))).unwrap();
+        placed(&mut stage, "late ball", samples::sphere(DVec3::new(-0.9, 0.1, 0.9), 0.45, 16, &matt));
+        let world = Arc::new(World::prepare(Arc::new(stage.finish())));
+        Shot { world, ..with_known(balls().finish(), None) }
+    };
+    for (name, shot) in [
+        ("boxes", with_known(samples::boxes().unwrap(), None)),
+        ("cornell box", with_known(samples::cornell_box().unwrap(), None)),
+        ("plastic and half glass", with_known(balls().finish(), None)),
         // Groups beside the wall belong to one room or the other.
-        ("parted rooms", samples::parted_rooms([300.0, 3.0]).unwrap(), None),
+        ("parted rooms", with_known(samples::parted_rooms([300.0, 3.0]).unwrap(), None)),
         // By way of mirrors and glass a scattering is used up.
-        ("two bounces", samples::cornell_box().unwrap(), Some(2)),
+        ("two bounces", with_known(samples::cornell_box().unwrap(), Some(2))),
+        ("ball that came later", late),
     ] {
-        let shot = with_known(scene, bounces_max);
+        let bounces_max = shot.settings.bounces_max;
         let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
         let blurred = shot.on_cpu_as(SHADOWED_PASS, Near::Blurred);
         let (cpu, card) = (shot.on_cpu(SHADOWED_PASS), shot.on_card(&scene, SHADOWED_PASS));
