@@ -73,6 +73,11 @@ mod tests {
             assert_eq!(format!("builtin:{}", scene.name()).parse(), Ok(SceneSource::Builtin(scene)));
         }
         assert_eq!("a/b.glb".parse(), Ok(SceneSource::File("a/b.glb".into())));
-        assert!("builtin:sponza".parse::<SceneSource>().unwrap_err().contains("builtin:cornell-box and builtin:boxes"));
+        assert!(
+            "builtin:sponza"
+                .parse::<SceneSource>()
+                .unwrap_err()
+                .contains("builtin:cornell-box and builtin:boxes")
+        );
     }
 }
