@@ -245,6 +245,13 @@ impl Illumination {
         self.is_between
     }
 
+    /// What the round that comes next will take; `None` where one is under way or there is no time for another.
+    pub(super) fn seconds_of_next_round(&self) -> Option<f64> {
+        let divisor = self.is_between.then(|| self.divisor_of_next())??;
+        let RoundSeconds { photons, octrees } = self.expected_of_next(divisor);
+        Some(photons + octrees)
+    }
+
     /// There was no time for all rounds.
     pub(super) fn is_cut(&self) -> bool {
         self.is_cut

@@ -5,6 +5,7 @@ use crate::{
     accel::{Hit, Ray},
     math::sobol::PixelSampler,
     render::{Learner, Learnt},
+    scene::CameraView,
     technique::{
         ArrivingLight, Counts,
         irradiance::{IrradianceCache, IrradianceCaching, IrradianceSettings, Record},
@@ -162,43 +163,95 @@ fn edits_drop_the_records_that_saw_them() {
     );
 }
 
-/// With photons and octree beneath them: after any edits records hold what would be gathered at their places from what is known now.
+/// With photons and octree beneath them: after any edits records hold what would be gathered at their places from what is known now,
+/// whether or not rough ones were made of less before.
 #[test]
 fn records_are_of_the_light_of_now() {
-    let settings = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
-    let of = IlluminationSettings { irradiance: gathering(2), ..super::settings(3_000, 4) };
-    let size = PictureSize::new(24, 18).unwrap();
-    let mut dice = Dice { key: sobol::mix(77), thrown: 0 };
-    let mut world = world_of(samples::cornell_box().unwrap());
-    let mut learner = Learner::new(Learnt::Records, &settings, of);
-    learner.look(0, &world.scene().camera_view(None).unwrap(), size);
-    let never = AtomicBool::new(false);
-    let mut kept_count = 0;
-    for number in 0..40 {
-        let (scene, change) = random_edit(world.scene(), &mut dice, number);
-        let next = world.update(Arc::new(scene), &change);
-        learner.apply(&Edit { before: &world, after: &next, change: &change });
-        world = next;
-        kept_count += u32::from(learner.records().count > 0);
-        if dice.throw()[0] < 0.3 {
-            (0..dice.below(40)).for_each(|_| {
+    for learning in [Learning::First, Learning::InStep] {
+        let settings = RenderSettings { learning, ..RenderSettings::default() };
+        let of = IlluminationSettings { irradiance: gathering(2), ..super::settings(3_000, 4) };
+        let size = PictureSize::new(24, 18).unwrap();
+        let mut dice = Dice { key: sobol::mix(77), thrown: 0 };
+        let mut world = world_of(samples::cornell_box().unwrap());
+        let mut learner = Learner::new(Learnt::Records, &settings, of);
+        learner.look(0, &world.scene().camera_view(None).unwrap(), size);
+        let never = AtomicBool::new(false);
+        let mut kept_count = 0;
+        for number in 0..30 {
+            let (scene, change) = random_edit(world.scene(), &mut dice, number);
+            let next = world.update(Arc::new(scene), &change);
+            learner.apply(&Edit { before: &world, after: &next, change: &change });
+            world = next;
+            kept_count += u32::from(learner.records().count > 0);
+            if dice.throw()[0] < 0.3 {
+                (0..dice.below(40)).for_each(|_| {
+                    learner.step(&world, &never);
+                });
+                continue;
+            }
+            let mut steps = 0;
+            while learner.stage() != Stage::Complete {
                 learner.step(&world, &never);
-            });
-            continue;
+                steps += 1;
+                assert!(steps < 100_000, "no end of it");
+            }
+            let caching = learner.caching().unwrap();
+            for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).records()) {
+                assert_eq!(light(record), light(afresh), "{learning:?}, edit {number}");
+            }
+            assert_eq!(uncovered(caching.cache(), &world, size), 0, "{learning:?}, edit {number}");
         }
-        let mut steps = 0;
-        while learner.stage() != Stage::Complete {
-            learner.step(&world, &never);
-            steps += 1;
-            assert!(steps < 100_000, "no end of it");
-        }
-        let caching = learner.caching().unwrap();
-        for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).records()) {
-            assert_eq!(light(record), light(afresh), "edit {number}");
-        }
-        assert_eq!(uncovered(caching.cache(), &world, size), 0, "edit {number}");
+        assert!(kept_count > 4, "{learning:?}: {kept_count} edits left records");
     }
-    assert!(kept_count > 5, "{kept_count} edits left records");
+}
+
+/// Rough records are shown before the second round of photons, light is gathered for them anew after it, and somebody who looks
+/// elsewhere all the time does not keep that round from coming.
+#[test]
+fn rough_records_come_before_the_second_round_of_photons() {
+    let settings = RenderSettings { learning: Learning::InStep, ..RenderSettings::default() };
+    let of = IlluminationSettings { irradiance: gathering(1), ..super::settings(30_000, 5) };
+    let size = PictureSize::new(24, 18).unwrap();
+    let world = world_of(samples::cornell_box().unwrap());
+    let camera = world.scene().camera_view(None).unwrap();
+    let never = AtomicBool::new(false);
+    let photons = |learner: &Learner| learner.illumination().unwrap().report().photons_emitted;
+    let shows_records =
+        |learner: &Learner| learner.known().is_some_and(|known| known.card().name == "irradiance");
+
+    let mut learner = Learner::new(Learnt::Records, &settings, of);
+    learner.look(0, &camera, size);
+    while !shows_records(&learner) {
+        learner.step(&world, &never);
+    }
+    let (first, rough) = (photons(&learner), learner.caching().unwrap().cache().records().to_vec());
+    assert!(learner.illumination().unwrap().stage() == Stage::Rough && !rough.is_empty());
+    while learner.stage() != Stage::Complete {
+        learner.step(&world, &never);
+    }
+    assert!(photons(&learner) > 4 * first, "{} photons after {first}", photons(&learner));
+    let caching = learner.caching().unwrap();
+    let now = &caching.cache().records()[..rough.len()];
+    assert!(
+        rough
+            .iter()
+            .zip(now)
+            .all(|(before, now)| before.position == now.position && light(before) != light(now))
+    );
+    for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).records()) {
+        assert_eq!(light(record), light(afresh));
+    }
+
+    let mut learner = Learner::new(Learnt::Records, &settings, of);
+    let mut looks = 0;
+    while learner.illumination().unwrap().stage() != Stage::Complete {
+        let aside = DAffine3::from_translation(0.001 * f64::from(looks) * DVec3::X);
+        let world_from_camera = camera.world_from_camera * aside;
+        learner.look(0, &CameraView { world_from_camera, ..camera }, size);
+        learner.step(&world, &never);
+        looks += 1;
+        assert!(looks < 2_000, "rough records for ever");
+    }
 }
 
 /// What is shown after an edit counts as of the scene after it only when no light of before is in it: then pictures begin anew.

@@ -60,6 +60,8 @@ pub struct IrradianceCaching {
     /// Those that an edit left, with light of now, as far as it is gathered; `None` where all light is of now.
     relit: Option<IrradianceCache>,
     refining: Refining,
+    /// Light is gathered from what will soon be known better: rough records are all that is made.
+    is_preliminary: bool,
     gathered_count: u64,
     /// Of the newest.
     seconds_per_record: Option<f64>,
@@ -73,7 +75,7 @@ struct Place {
     seen: Seen,
     /// What its rays may have met.
     sight: Sight,
-    /// How often light was gathered for it, of the scene as it is.
+    /// How often light was gathered for it, of the scene as it is and from what is known of it now.
     visits: u32,
 }
 
@@ -144,10 +146,40 @@ impl IrradianceCaching {
             places: Vec::new(),
             relit: None,
             refining: Refining::BEGIN,
+            is_preliminary: false,
             gathered_count: 0,
             seconds_per_record: None,
             may_drop: false,
         }
+    }
+
+    /// Makes rough records alone, until [`IrradianceCaching::gather_better`] or [`IrradianceCaching::settle`]: what light is gathered
+    /// from will be known better soon.
+    pub fn expect_better(&mut self) {
+        self.is_preliminary = true;
+    }
+
+    /// The same light is known better from now on. Records count as far as they did, and show what was gathered for them until it is
+    /// gathered anew, record by record, before finer ones are made.
+    pub fn gather_better(&mut self, arriving: Arc<dyn ArrivingLight>, base: Option<Arc<dyn SecondaryLight>>) {
+        self.arriving = arriving;
+        self.stand_on(base);
+        self.batch = None;
+        self.places.iter_mut().for_each(|place| place.visits = 0);
+        self.refining = Refining { visits: 0, next: 0 };
+        self.settle();
+    }
+
+    /// What light is gathered from is as good as it gets: finer records follow.
+    pub fn settle(&mut self) {
+        if std::mem::take(&mut self.is_preliminary) {
+            self.begin_walks();
+        }
+    }
+
+    /// Rough records are missing for what somebody looks at, and not so many were made yet.
+    pub fn lacks_rough(&self, count: u64) -> bool {
+        self.is_preliminary && self.gathered_count < count && self.next_gaze().is_some()
     }
 
     /// Wants records for what `camera` sees, in place of what was looked at by this name before. True if that was another.
@@ -252,6 +284,7 @@ impl IrradianceCaching {
     /// Every pixel that somebody looks at has records, or no more fit, and all are refined.
     pub fn is_complete(&self) -> bool {
         self.relit.is_none()
+            && !self.is_preliminary
             && self.next_gaze().is_none()
             && self.refining.visits >= self.settings.visits.get()
     }
@@ -342,6 +375,10 @@ impl IrradianceCaching {
     /// or the next round.
     fn after_walk(&mut self, index: usize) {
         let gaze = &mut self.gazes[index];
+        if self.is_preliminary {
+            gaze.is_covered = true;
+            return;
+        }
         let is_last_round = self.round + 1 == ROUNDS.len();
         let has_lost = self.cache.shrunk_count > gaze.shrunk_before;
         if is_last_round && has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
@@ -454,7 +491,9 @@ impl Technique for IrradianceCaching {
         if !self.is_complete() && !step.cancel.load(Ordering::Relaxed) {
             counts = match self.next_gaze() {
                 _ if self.relit.is_some() => self.relight_some(step),
+                _ if self.refining.visits == 0 => self.refine_some(step),
                 Some(index) => self.cover_some(index, step),
+                None if self.is_preliminary => counts,
                 None => self.refine_some(step),
             };
         }

@@ -140,8 +140,14 @@ impl Record {
         record
     }
 
-    /// Takes in another gathering at the same point, after so many `visits`. How far it counts stays.
+    /// Takes in another gathering at the same point, after so many `visits`; after none it takes the place of what was known. How far
+    /// it counts stays.
     fn refine(&mut self, visits: u32, newest: &Record) {
+        if visits == 0 {
+            let (radius_m, reach_min_m) = (self.radius_m, self.reach_min_m);
+            *self = Record { radius_m, reach_min_m, ..*newest };
+            return;
+        }
         let share = 1.0 / (visits as f32 + 1.0);
         self.irradiance = self.irradiance * (1.0 - share) + newest.irradiance * share;
         let towards = |gradient: &mut Gradient, newest: Gradient| {
