@@ -329,6 +329,7 @@ impl<'a> Job<'a> {
         let records = rendering.records();
         let caustics = rendering.caustics();
         let learning = light.photon_seconds + light.octree_seconds + records.seconds;
+        let splat = rendering.splat_seconds() / self.pool.current_num_threads() as f64;
         Statistics {
             version: env!("CARGO_PKG_VERSION"),
             scene: self.args.scene.to_string(),
@@ -354,10 +355,10 @@ impl<'a> Job<'a> {
                 octree: light.octree_seconds,
                 gather: records.seconds,
                 caustics: caustics.seconds,
-                frame: outcome.frame_seconds - learning - caustics.seconds,
+                splat,
+                frame: outcome.frame_seconds - learning - caustics.seconds - splat,
                 shaders: self.drawn_on.shader_seconds(),
                 total: outcome.seconds + self.beside_seconds(),
-                ..Seconds::default()
             },
             counts: Counts {
                 rays: counts.all_rays(),

@@ -164,6 +164,7 @@ impl Rendering {
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
+        self.splat_seconds += self.technique.splat_seconds();
         self.technique = tracer(&self.settings, self.looked_up, self.learnt, known);
         // Caustics of their own do not depend on what is known, but on the scene.
         let classes: &[PathClass] = match (&self.caustics, outdated) {

@@ -23,9 +23,13 @@ use std::{
     time::Instant,
 };
 
+use glam::{UVec2, Vec3};
+use rayon::prelude::*;
+
 #[cfg(feature = "gpu")]
 use crate::gpu::GpuError;
 use crate::{
+    accel::Ray,
     effects::{EffectChoices, EffectKind, EffectPlan},
     film::{Film, Outdated, Picture, PictureSize},
     math::sobol,
@@ -33,9 +37,10 @@ use crate::{
     technique::{
         Canvas, Counts, Products, Progress, SecondaryLight, Step, Technique, View,
         caustics::{CausticReport, CausticSettings, CausticSketch, Caustics},
+        irradiance::IrradianceCache,
         path::{PathSettings, PathTracer},
     },
-    transport::{PathClass, PathClasses, World},
+    transport::{PathClass, PathClasses, ShadowRay, World},
 };
 #[cfg(feature = "gpu")]
 use backend::OnGpu;
@@ -51,6 +56,9 @@ pub use learner::{Learner, RecordReport};
 
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
 const SHARE_SHOWN: f64 = 0.01;
+
+/// A place is seen where nothing lies this share of the way nearer.
+const PLACE_SLACK: f32 = 1e-3;
 
 /// What computes indirect light.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -138,8 +146,8 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
-    /// Memory that a picture is to be given, about: that of its films, and of maps of caustics with as many photons as they may
-    /// have.
+    /// Memory that a picture is to be given, about: that of its films, of records laid out over it, and of maps of caustics with as many
+    /// photons as they may have.
     ///
     /// - `plan`: of the scene
     pub fn picture_bytes(&self, plan: &EffectPlan, pixel_count: usize) -> usize {
@@ -148,7 +156,12 @@ impl RenderSettings {
         let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
         let light = (maps * of.bytes_max()).max(CausticSketch::bytes_max(pixel_count));
+        let laid_out = match self.learns(plan) {
+            Some(Learnt::Records) => IrradianceCache::BYTES_PER_PIXEL,
+            _ => 0,
+        };
         films * pixel_count * (Film::BYTES_PER_PIXEL + self.backend.bytes_per_pixel())
+            + pixel_count * laid_out
             + if maps > 0 { light } else { 0 }
     }
 
@@ -205,6 +218,8 @@ pub struct Rendering {
     view: View,
     film: Film,
     technique: PathTracer,
+    /// Seconds that laying known light out over the picture took by what drew before, of all threads.
+    splat_seconds: f64,
     /// What draws in its place on a graphics card.
     #[cfg(feature = "gpu")]
     gpu: Option<Box<OnGpu>>,
@@ -317,6 +332,7 @@ impl Rendering {
             world,
             film: Film::new(size),
             technique: tracer(&settings, looked_up, learnt, known),
+            splat_seconds: 0.0,
             #[cfg(feature = "gpu")]
             gpu: None,
             #[cfg(feature = "gpu")]
@@ -478,12 +494,34 @@ impl Rendering {
         own.chain(hidden).chain(measured).fold(CausticReport::default(), |sum, report| sum + report)
     }
 
+    /// Seconds that records were splatted, of all threads.
+    pub fn splat_seconds(&self) -> f64 {
+        self.splat_seconds + self.technique.splat_seconds()
+    }
+
     /// The picture so far.
     pub fn picture(&self) -> Picture<'_> {
         match &self.traced {
             Some(traced) => Picture::blended(&self.film, traced),
             None => Picture::of(&self.film),
         }
+    }
+
+    /// Pixels in which the places show where what it is drawn with was gathered, where the camera sees them straight.
+    pub fn places_seen(&self) -> Vec<UVec2> {
+        let Some(known) = self.technique.secondary() else { return Vec::new() };
+        let size = self.film.size();
+        let seen_at = |place: &Vec3| {
+            let [x, y] = self.view.project(*place)?;
+            let is_inside =
+                (0.0..size.width() as f32).contains(&x) && (0.0..size.height() as f32).contains(&y);
+            let ray = self.view.ray(x, y);
+            // A little before the surface that the place is on.
+            let t_max = (*place - ray.origin).dot(ray.direction) * (1.0 - PLACE_SLACK);
+            let shadow_ray = ShadowRay { ray: Ray { t_max, ..ray }, light: None };
+            (is_inside && !self.world.is_occluded(&shadow_ray)).then(|| UVec2::new(x as u32, y as u32))
+        };
+        known.places().par_iter().with_min_len(256).filter_map(seen_at).collect()
     }
 
     /// The film that is drawn with what is known of the light: all of the picture, but for path tracing beside it.

@@ -76,9 +76,9 @@ pub(super) struct Seconds {
     pub(super) gather: f64,
     /// Photons of caustics, and their maps.
     pub(super) caustics: f64,
-    /// Splatting.
+    /// Splatting irradiance records onto the picture.
     pub(super) splat: f64,
-    /// Sampling the picture.
+    /// Sampling the picture, without that.
     pub(super) frame: f64,
     /// Compiling shaders.
     pub(super) shaders: f64,
@@ -89,7 +89,7 @@ pub(super) struct Seconds {
 impl Seconds {
     /// Of everything that traces rays.
     fn of_rays(&self) -> f64 {
-        self.photons + self.octree + self.gather + self.caustics + self.frame
+        self.photons + self.octree + self.gather + self.caustics + self.splat + self.frame
     }
 }
 
@@ -155,9 +155,9 @@ pub(super) struct EffectState {
 }
 
 /// Keys whose parts no technique of today runs.
-const NOT_BUILT: [&str; 2] = ["seconds.splat", "counts.texels"];
+const NOT_BUILT: [&str; 1] = ["counts.texels"];
 /// Keys of the irradiance cache.
-const OF_RECORDS: [&str; 3] = ["seconds.gather", "counts.records", "bytes.records"];
+const OF_RECORDS: [&str; 4] = ["seconds.gather", "seconds.splat", "counts.records", "bytes.records"];
 /// Keys of caustics.
 const OF_CAUSTICS: [&str; 4] =
     ["seconds.caustics", "counts.caustic_photons", "counts.caustic_photons_stored", "bytes.caustics"];

@@ -75,6 +75,8 @@ struct Place {
     seen: Seen,
     /// What its rays may have met.
     sight: Sight,
+    /// How far it counts by itself, before neighbours make it count less far.
+    radius_m: f32,
     /// How often light was gathered for it, of the scene as it is and from what is known of it now.
     visits: u32,
 }
@@ -175,6 +177,31 @@ impl IrradianceCaching {
         if std::mem::take(&mut self.is_preliminary) {
             self.begin_walks();
         }
+    }
+
+    /// Records count as far as this accuracy says from now on, a of [Ward1988]. Light is gathered anew for none: they are weighed
+    /// otherwise, and where they reach less far, more are made between them. Until then what counted before answers there.
+    pub fn set_accuracy(&mut self, accuracy: f32) {
+        if self.settings.weighing.accuracy == accuracy {
+            return;
+        }
+        self.settings.weighing.accuracy = accuracy;
+        let cache = self.weighed_anew(&self.cache);
+        let before = std::mem::replace(&mut self.cache, cache);
+        self.relit = self.relit.take().map(|relit| self.weighed_anew(&relit));
+        if self.cache.settings.weighing.accuracy < before.settings.weighing.accuracy {
+            self.cache.rougher = Some(Arc::new(IrradianceCache { rougher: None, ..before }));
+        }
+        self.begin_walks();
+    }
+
+    /// The records of a cache as they count now.
+    fn weighed_anew(&self, of: &IrradianceCache) -> IrradianceCache {
+        let mut cache = IrradianceCache::new(self.settings.rougher(ROUNDS[self.round]), self.base.clone());
+        for (record, place) in of.records.iter().zip(&self.places) {
+            cache.insert(Record { radius_m: place.radius_m, ..*record });
+        }
+        cache
     }
 
     /// Rough records are missing for what somebody looks at, and not so many were made yet.
@@ -335,7 +362,7 @@ impl IrradianceCaching {
         self.gathered_count += batch.gathered.len() as u64;
         for (seen, Gathered { record, sight }) in batch.places.into_iter().zip(batch.gathered) {
             self.cache.insert(record);
-            self.places.push(Place { seen, sight, visits: 1 });
+            self.places.push(Place { seen, sight, radius_m: record.radius_m, visits: 1 });
         }
         // Who looked away, or elsewhere, has no walk that this ends.
         let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
@@ -467,7 +494,7 @@ impl IrradianceCaching {
         self.gathered_count += gathered.len() as u64;
         for (index, Gathered { record, sight }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
-            (place.sight, place.visits) = (sight, 1);
+            (place.sight, place.radius_m, place.visits) = (sight, record.radius_m, 1);
             relit.insert(Record { reach_min_m: self.cache.records[index].reach_min_m, ..record });
         }
         if end < self.places.len() {

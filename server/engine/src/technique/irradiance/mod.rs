@@ -3,7 +3,8 @@
 //! A record holds what a point receives by way of other surfaces, gathered by stratified rays over its hemisphere, with
 //! gradients for turning and moving [Ward1988; Ward1992; Gautron2008, 8] (`record.rs`). Each ray brings the light that falls
 //! straight on the surface it meets and what is known of the rest there (photons, by way of the light octree), so that all
-//! bounces are there. A walk over the picture finds where no record counts (`walk.rs`); records are valid for every camera.
+//! bounces are there. A walk over the picture finds where no record counts (`walk.rs`); records are valid for every camera. They are
+//! splatted onto what a camera sees straight (`splat.rs`); the rest looks them up.
 //!
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
@@ -12,6 +13,7 @@ mod hemisphere;
 mod index;
 mod record;
 mod sight;
+mod splat;
 #[cfg(test)]
 mod tests;
 mod walk;
@@ -28,8 +30,8 @@ pub use self::{
     record::{Facing, Gradient, Record, Weighing},
 };
 
-use self::index::Index;
-use super::{ArrivingLight, Bias, Card, Counts, ScatteredLight, SecondaryLight, View};
+use self::{index::Index, splat::Splats};
+use super::{ArrivingLight, Bias, Card, Counts, ScatteredLight, ScreenLight, SecondaryLight, View};
 use crate::{
     math::Rgb,
     transport::{PathClass, Surface},
@@ -202,6 +204,9 @@ impl IrradianceCache {
         }
     }
 
+    /// Memory that showing records takes for each pixel of a picture, at most, without that of the records.
+    pub const BYTES_PER_PIXEL: usize = Splats::BYTES_PER_PIXEL;
+
     /// Memory of records and their index.
     pub fn bytes(&self) -> usize {
         let rougher = self.rougher.as_ref().map_or(0, |rougher| rougher.bytes());
@@ -212,6 +217,14 @@ impl IrradianceCache {
 impl SecondaryLight for IrradianceCache {
     fn card(&self) -> &'static Card {
         &CARD
+    }
+
+    fn places(&self) -> Vec<Vec3> {
+        self.records.iter().map(|record| record.position).collect()
+    }
+
+    fn laid_out_for(self: Arc<Self>, view: &View) -> Option<Arc<dyn ScreenLight>> {
+        Some(Arc::new(Splats::of(self, view)?))
     }
 
     fn has_caustics(&self) -> bool {

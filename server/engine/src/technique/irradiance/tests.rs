@@ -44,7 +44,7 @@ impl<F: Fn(Vec3) -> Rgb + Send + Sync> ArrivingLight for Painted<F> {
 }
 
 /// A box from −1 to 1 m.
-fn room() -> World {
+pub(super) fn room() -> World {
     World::prepare(Arc::new(samples::furnace(0.5, 0.5).unwrap()))
 }
 
@@ -54,7 +54,7 @@ fn floor(world: &World, x: f32, z: f32) -> SurfacePoint {
     world.surface(&world.closest_hit(&ray).unwrap(), ray.direction).point
 }
 
-fn with_rays(count: usize) -> IrradianceSettings {
+pub(super) fn with_rays(count: usize) -> IrradianceSettings {
     IrradianceSettings { ray_count: NonZeroUsize::new(count).unwrap(), ..IrradianceSettings::default() }
 }
 
@@ -376,7 +376,7 @@ fn a_record_is_small() {
 }
 
 /// Steps until nothing more is to be done.
-fn finish(caching: &mut IrradianceCaching, world: &World) {
+pub(super) fn finish(caching: &mut IrradianceCaching, world: &World) {
     let never = std::sync::atomic::AtomicBool::new(false);
     for _ in 0..10_000 {
         let mut products = Products::default();
@@ -435,11 +435,11 @@ fn two_cameras(world: &World) -> [CameraView; 2] {
 }
 
 /// Light that is different on every wall.
-fn uneven() -> Arc<dyn ArrivingLight> {
+pub(super) fn uneven() -> Arc<dyn ArrivingLight> {
     Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)))
 }
 
-fn step_once(caching: &mut IrradianceCaching, world: &World) {
+pub(super) fn step_once(caching: &mut IrradianceCaching, world: &World) {
     let never = std::sync::atomic::AtomicBool::new(false);
     let mut products = Products::default();
     caching.step(&mut Step { world, products: &mut products, canvas: None, cancel: &never });
@@ -508,4 +508,84 @@ fn a_full_cache_makes_room_once() {
         let share = covered(&caching, &world, &cameras[1], size);
         assert!(share > if records_max == needed { 0.9 } else { 0.2 }, "{share} of {records_max}");
     }
+}
+
+/// Another accuracy weighs the records that are there otherwise and gathers light for none of them: they count as they would had they
+/// been taken in with it. A finer one makes more between them, a coarser one none; what counted before answers where finer ones are missing
+/// yet.
+#[test]
+fn accuracy_changes_without_gathering_anew() {
+    let world = room();
+    let camera = two_cameras(&world)[0];
+    let size = PictureSize::new(64, 48).unwrap();
+    let settings = IrradianceSettings { pixels_min: 0.5, ..with_rays(40) };
+    let mut caching = IrradianceCaching::new(settings, uneven(), None);
+    caching.look(0, &camera, size);
+    finish(&mut caching, &world);
+    let light = |record: &Record| (record.position, record.irradiance, record.turning, record.moving);
+    let first: Vec<Record> = caching.cache().records().to_vec();
+    let gathered = caching.gathered_count();
+
+    caching.set_accuracy(0.07);
+    assert!(!caching.is_complete() && caching.gathered_count() == gathered);
+    let everywhere = |caching: &IrradianceCaching| {
+        let view = View::new(&world, &camera, size);
+        let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
+        pixels
+            .map(|(x, y)| view.ray(x as f32 + 0.5, y as f32 + 0.5))
+            .filter(|ray| {
+                let surface = world.surface(&world.closest_hit(ray).unwrap(), ray.direction);
+                let facing = Facing::of(&surface, -ray.direction);
+                caching.cache().any_irradiance(surface.point.position, &facing).is_none()
+            })
+            .count()
+    };
+    assert_eq!(everywhere(&caching), 0, "pixels without light");
+    assert!(covered(&caching, &world, &camera, size) < 1.0);
+    finish(&mut caching, &world);
+    let finer: Vec<Record> = caching.cache().records().to_vec();
+    assert!(2 * finer.len() > 3 * first.len(), "{} after {}", finer.len(), first.len());
+    assert!(first.iter().zip(&finer).all(|(before, now)| light(before) == light(now)));
+    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
+    let visits = u64::from(settings.visits.get());
+    assert_eq!(caching.gathered_count(), visits * finer.len() as u64);
+
+    let gathered = caching.gathered_count();
+    caching.set_accuracy(0.3);
+    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
+    finish(&mut caching, &world);
+    assert_eq!((caching.gathered_count(), caching.cache().records().len()), (gathered, finer.len()));
+    // There and back, also while records are made: as if it had always been so.
+    let reaches = |caching: &IrradianceCaching| -> Vec<f32> {
+        caching.cache().records().iter().map(|record| record.radius_m).collect()
+    };
+    let coarse = reaches(&caching);
+    caching.set_accuracy(0.1);
+    caching.set_accuracy(0.3);
+    assert_eq!(reaches(&caching), coarse);
+    assert!(
+        coarse.iter().zip(&finer).any(|(now, before)| *now != before.radius_m) || settings.pixels_min == 0.0
+    );
+}
+
+/// Nobody waits for ever who changes accuracy at any moment, and the bound on what answers in between does not grow.
+#[test]
+fn accuracy_changes_at_any_moment() {
+    let world = room();
+    let camera = two_cameras(&world)[0];
+    let size = PictureSize::new(40, 30).unwrap();
+    let mut caching = IrradianceCaching::new(with_rays(20), uneven(), None);
+    caching.look(0, &camera, size);
+    for turn in 0..60_u32 {
+        step_once(&mut caching, &world);
+        caching.set_accuracy(if turn % 2 == 0 { 0.1 } else { 0.2 });
+        let mut depth = 0;
+        let mut next = caching.cache().rougher.clone();
+        while let Some(cache) = next {
+            (depth, next) = (depth + 1, cache.rougher.clone());
+        }
+        assert!(depth <= 3, "{depth} caches behind each other");
+    }
+    finish(&mut caching, &world);
+    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
 }

@@ -2,7 +2,9 @@
 
 use glam::Vec3;
 
-use super::{FocusedLight, PathSettings, ScatteredLight, SecondaryLight, Tally, View};
+use super::{
+    FirstSight, FocusedLight, PathSettings, ScatteredLight, ScreenLight, SecondaryLight, Tally, View,
+};
 use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
@@ -40,6 +42,8 @@ pub(super) struct Tracer<'a> {
     pub(super) settings: PathSettings,
     /// What answers for light that does not fall on the first diffuse surface straight from its source.
     pub(super) secondary: Option<&'a dyn SecondaryLight>,
+    /// The same, for what the view sees straight.
+    pub(super) screen: Option<&'a dyn ScreenLight>,
     /// What answers for caustics in its place; where all paths are traced, for those that cannot be found alone.
     pub(super) caustics: Option<&'a dyn FocusedLight>,
     pub(super) near: Near,
@@ -69,6 +73,14 @@ enum Followed {
     Specular,
 }
 
+/// What a sample sees first, where that was found with its neighbours.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<'a> {
+    pub(super) sight: &'a FirstSight,
+    /// What its diffuse lobe sends to the eye of indirect light, where that is known.
+    pub(super) indirect: Option<Rgb>,
+}
+
 /// A path on its way.
 struct Path<'a> {
     ray: Ray,
@@ -93,6 +105,8 @@ struct Path<'a> {
     /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
     /// and after a diffuse one.
     since_gathered: u32,
+    /// What its first ray met.
+    seen: Option<Seen<'a>>,
     sampler: &'a PixelSampler,
 }
 
@@ -128,6 +142,17 @@ impl Tracer<'_> {
         sampler: &PixelSampler,
         tally: &mut impl Tally,
     ) -> PixelSample {
+        self.sample_seen(ray, (met, None), sampler, tally)
+    }
+
+    /// The same, where it may be known already what surface that is.
+    pub(super) fn sample_seen(
+        &self,
+        ray: &Ray,
+        (met, seen): (Option<Hit>, Option<Seen<'_>>),
+        sampler: &PixelSampler,
+        tally: &mut impl Tally,
+    ) -> PixelSample {
         tally.path();
         let mut sample = PixelSample::BLACK;
         let mut path = Path {
@@ -143,6 +168,7 @@ impl Tracer<'_> {
             near_count: 0,
             is_by_mirrors: false,
             since_gathered: 0,
+            seen,
             sampler,
         };
         tally.ray(&path.ray);
@@ -196,7 +222,9 @@ impl Tracer<'_> {
             return false;
         };
         path.is_near |= hit.t < std::mem::take(&mut path.lost_m);
-        let surface = self.world.surface(&hit, path.ray.direction);
+        let seen = path.seen.take();
+        let surface =
+            seen.map_or_else(|| self.world.surface(&hit, path.ray.direction), |seen| seen.sight.surface);
         // Glass met from inside says what the ray came through, also to a camera that stands in it; every other surface
         // is met in what the path entered last.
         let is_glass = matches!(surface.bsdf, Bsdf::Glass(_));
@@ -222,7 +250,7 @@ impl Tracer<'_> {
         if is_over {
             return false;
         }
-        let known = self.known_at(path, &surface);
+        let known = self.known_at(path, &surface, seen.and_then(|seen| seen.indirect));
         let is_near = known.is_some_and(|known| {
             let is_too_near = self.near == Near::LookedPast && hit.t < NEAR_BLURS * known.blur_m;
             path.near_count < NEAR_MAX && (is_too_near || known.is_missing && self.settings.passes_missing())
@@ -371,11 +399,16 @@ impl Tracer<'_> {
     }
 
     /// At the first diffuse surface seen from the eye, or by way of one that was looked past: what is known of the light there.
-    fn known_at(&self, path: &Path<'_>, surface: &Surface) -> Option<ScatteredLight> {
+    ///
+    /// - `indirect`: of it, where that was found already
+    fn known_at(&self, path: &Path<'_>, surface: &Surface, indirect: Option<Rgb>) -> Option<ScatteredLight> {
         let secondary = self.secondary?;
         let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
         let wo = -path.ray.direction;
         (is_asked && self.asks_for_more(path) && surface.bsdf.has_diffuse()).then(|| {
+            if let Some(indirect) = indirect {
+                return ScatteredLight { indirect, ..ScatteredLight::default() };
+            }
             let (_, sample_index) = path.sampler.name();
             let is_shadowed = self.near == Near::Shadowed
                 && sample_index >= self.settings.shadowed_from()

@@ -113,6 +113,7 @@ impl Gauge {
             view: Some(view),
             settings: self.settings,
             secondary: None,
+            screen: None,
             caustics,
             near: Near::Blurred,
         });

@@ -38,8 +38,8 @@ pub use gpu::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, StepSeconds, 
 pub use view::View;
 
 use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, FocusedLight, Progress, ScatteredLight, SecondaryLight, Step,
-    Technique,
+    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Progress, ScatteredLight, ScreenLight,
+    SecondaryLight, Step, Technique,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -47,7 +47,7 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     transport::{PathClass, PathClasses, ShadowRay, World},
 };
-use cpu::{BLURRED_SAMPLES, BOUNCES_END, Near, Tracer, primary_ray};
+use cpu::{BLURRED_SAMPLES, BOUNCES_END, Near, Seen, Tracer, primary_ray};
 
 /// Parameters of the path tracer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -93,6 +93,8 @@ impl PathSettings {
 pub struct PathTracer {
     settings: PathSettings,
     secondary: Option<Arc<dyn SecondaryLight>>,
+    /// The same for the view that was last drawn, where it can be laid out for it.
+    screen: Option<(View, Option<Arc<dyn ScreenLight>>)>,
 }
 
 static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::Unbiased };
@@ -100,17 +102,37 @@ static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::U
 impl PathTracer {
     /// A path tracer.
     pub fn new(settings: PathSettings) -> PathTracer {
-        PathTracer { settings, secondary: None }
+        PathTracer { settings, secondary: None, screen: None }
     }
 
     /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
     pub fn with_secondary(settings: PathSettings, secondary: Arc<dyn SecondaryLight>) -> PathTracer {
-        PathTracer { settings: settings.asking(), secondary: Some(secondary) }
+        PathTracer { settings: settings.asking(), secondary: Some(secondary), screen: None }
     }
 
     /// It asks others for light that comes by way of other surfaces.
     pub fn asks(&self) -> bool {
         self.settings.asks
+    }
+
+    /// What answers where it asks.
+    pub fn secondary(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.secondary.as_ref()
+    }
+
+    /// Seconds that laying known light out over pictures took so far, of all threads.
+    pub fn splat_seconds(&self) -> f64 {
+        self.screen.iter().filter_map(|(_, light)| light.as_ref()).map(|light| light.thread_seconds()).sum()
+    }
+
+    /// What is known of light, laid out for a view. It lacks caustics, which something else must bring where there are any.
+    fn lay_out_for(&mut self, view: &View, has_caustics_apart: bool) {
+        let Some(secondary) = &self.secondary else { return };
+        if !has_caustics_apart && secondary.has_caustics() {
+            self.screen = None;
+        } else if self.screen.as_ref().is_none_or(|(of, _)| of != view) {
+            self.screen = Some((*view, Arc::clone(secondary).laid_out_for(view)));
+        }
     }
 }
 
@@ -123,13 +145,14 @@ impl Technique for PathTracer {
         let Some(canvas) = &mut step.canvas else {
             return Progress { complete: true, ..Progress::default() };
         };
-        let secondary = self.secondary.as_deref();
         let view = canvas.view;
+        self.lay_out_for(view, step.products.caustics.is_some());
         let tracer = Tracer {
             world: step.world,
             view: Some(view),
             settings: self.settings,
-            secondary,
+            secondary: self.secondary.as_deref(),
+            screen: self.screen.as_ref().and_then(|(_, light)| light.as_deref()),
             caustics: step.products.caustics.as_deref(),
             near: Near::Shadowed,
         };
@@ -175,6 +198,7 @@ impl ArrivingLight for PathTracer {
             view: None,
             settings: self.settings,
             secondary,
+            screen: None,
             caustics: None,
             near: Near::LookedPast,
         };
@@ -233,8 +257,15 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer =
-        Tracer { world, view: Some(view), settings, secondary: None, caustics: None, near: Near::Blurred };
+    let tracer = Tracer {
+        world,
+        view: Some(view),
+        settings,
+        secondary: None,
+        screen: None,
+        caustics: None,
+        near: Near::Blurred,
+    };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, view, tile, size.width(), &mut queries);
@@ -268,9 +299,22 @@ fn trace_tile(tracer: &Tracer<'_>, view: &View, tile: &mut Tile, width: u32, tal
     for (at, pixel) in pixels.iter().enumerate() {
         place[(pixel.y * size.x + pixel.x) as usize] = at;
     }
+    let seen = tracer.screen.map(|screen| {
+        let sight = |at: &usize| {
+            let (hit, way) = (met[*at]?, rays[*at].direction);
+            Some(FirstSight { surface: tracer.world.surface(&hit, way), wo: -way })
+        };
+        let sights: Vec<Option<FirstSight>> = place.iter().map(sight).collect();
+        let indirect = screen.scattered_over(origin, size, &sights);
+        (sights, indirect)
+    });
     tile.add_pass(|x, y| {
-        let at = place[((y - origin.y) * size.x + x - origin.x) as usize];
-        tracer.sample_pixel(&rays[at], met[at], &samplers[at], tally)
+        let pixel = ((y - origin.y) * size.x + x - origin.x) as usize;
+        let at = place[pixel];
+        let seen = seen.as_ref().and_then(|(sights, indirect)| {
+            Some(Seen { sight: sights[pixel].as_ref()?, indirect: indirect[pixel] })
+        });
+        tracer.sample_seen(&rays[at], (met[at], seen), &samplers[at], tally)
     });
 }
 

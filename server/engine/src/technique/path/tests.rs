@@ -11,10 +11,10 @@ use crate::{
     math::{Rgb, sobol::PixelSampler},
     render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::{
-        CameraView, Environment, Light, LightKind, Material, Projection, Scene, SceneBuilder, SceneLimits,
+        CameraView, Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{ArrivingLight, Card, Counts, LitFrom, ScatteredLight, SecondaryLight, Technique, View},
+    technique::{ArrivingLight, Card, Counts, LitFrom, ScatteredLight, SecondaryLight, Technique},
     transport::{PathClass, Scatter, Surface, World},
 };
 
@@ -394,7 +394,15 @@ fn mean_seen_as(
     indices: std::ops::Range<u32>,
     rays: impl Fn([f32; 4]) -> Ray,
 ) -> ([f64; 4], u64) {
-    let tracer = Tracer { world, view: None, settings, secondary: Some(secondary), caustics: None, near };
+    let tracer = Tracer {
+        world,
+        view: None,
+        settings,
+        secondary: Some(secondary),
+        screen: None,
+        caustics: None,
+        near,
+    };
     let (mut sums, mut counts) = ([0.0; 4], Counts::default());
     for index in indices.clone() {
         let ray = rays(crate::math::sobol::point(5, index));
@@ -521,7 +529,7 @@ fn unlit_surfaces_are_seen_in_mirrors_by_the_last_scattering() {
         let world = World::prepare(Arc::new(stage.finish()));
         let settings = PathSettings::all(Some(1), 0);
         let (secondary, caustics, near) = (None, None, Near::Blurred);
-        let tracer = Tracer { world: &world, view: None, settings, secondary, caustics, near };
+        let tracer = Tracer { world: &world, view: None, settings, secondary, screen: None, caustics, near };
         let from = world.accel().to_render(v(0.1, 0.2, 0.0));
         let ray = Ray::new(from, Vec3::NEG_Z);
         let sampler = PixelSampler::new(8, 0, 0, 0);
@@ -540,7 +548,8 @@ fn bounds_hold_near_other_surfaces() {
     let settings = PathSettings::all(Some(3), 3).asking();
     let sample = |near| {
         let secondary: Option<&dyn SecondaryLight> = Some(&secondary);
-        let tracer = Tracer { world: &world, view: None, settings, secondary, caustics: None, near };
+        let tracer =
+            Tracer { world: &world, view: None, settings, secondary, screen: None, caustics: None, near };
         let ray = Ray::new(Vec3::ZERO, Vec3::new(0.6, -0.8, 0.0));
         let sampler = PixelSampler::new(6, 0, 0, 9);
         tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default())
@@ -585,6 +594,7 @@ fn grooves_narrower_than_the_blur_are_dark() {
         view: None,
         settings: whole.settings,
         secondary: None,
+        screen: None,
         caustics: None,
         near: Near::Blurred,
     };
@@ -631,6 +641,7 @@ impl SecondaryLight for Traced {
             view: None,
             settings: whole().settings,
             secondary: None,
+            screen: None,
             caustics: None,
             near: Near::Blurred,
         };
@@ -684,35 +695,4 @@ fn near_glossy_surfaces_are_looked_past_without_loss() {
     let (found, expected) = (mean(&near), mean(&whole()));
     // Without the glossy lobes of near surfaces a tenth and more is missing.
     assert!((found / expected - 1.0).abs() < 0.02, "{found} for {expected}");
-}
-
-/// A point shows where the ray through that place of the picture meets it, and covers as much there as its neighbours are
-/// apart.
-#[test]
-fn points_show_where_rays_meet_them() {
-    let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
-    let perspective =
-        CameraView::look_at(DVec3::new(1.0, 2.0, 5.0), DVec3::new(0.3, 0.2, 0.1), DVec3::Y, 0.8);
-    let projection = Projection::Orthographic { half_height_m: 1.5 };
-    let orthographic = CameraView { projection, ..perspective };
-    for camera in [perspective, orthographic] {
-        let view = View::new(&world, &camera, PictureSize::new(64, 36).unwrap());
-        for (x, y, t) in [(0.5, 0.5, 3.0), (32.0, 18.0, 0.1), (63.9, 1.3, 400.0), (-70.0, 50.0, 2.0)] {
-            let at = |x: f32, y: f32| {
-                let ray = view.ray(x, y);
-                ray.origin + ray.direction * t
-            };
-            let [px, py] = view.project(at(x, y)).unwrap();
-            assert!((px - x).abs() < 1e-3 && (py - y).abs() < 1e-3, "{px} {py} for {x} {y}");
-            let (towards, pixel_m2) = view.pixel_at(at(x, y));
-            assert!((towards + view.ray(x, y).direction).length() < 1e-4);
-            let (right, down) = (at(x + 0.5, y) - at(x - 0.5, y), at(x, y + 0.5) - at(x, y - 0.5));
-            let area = right.cross(down).dot(towards).abs();
-            assert!((pixel_m2 / area - 1.0).abs() < 0.01, "{pixel_m2} m² for {area} m²");
-        }
-    }
-    let view = View::new(&world, &perspective, PictureSize::new(64, 36).unwrap());
-    let ray = view.ray(10.0, 10.0);
-    assert_eq!(view.project(ray.origin - ray.direction), None);
-    assert_eq!(view.project(ray.origin), None);
 }

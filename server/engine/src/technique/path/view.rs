@@ -1,5 +1,8 @@
 //! Camera rays.
 
+#[cfg(test)]
+mod tests;
+
 use glam::{DVec3, Vec3};
 
 use crate::{
@@ -9,8 +12,11 @@ use crate::{
     transport::World,
 };
 
+/// Added around the pixels of spheres, px: far more than rounding takes a point out of its pixel.
+const SPHERE_SLACK_PX: f32 = 0.05;
+
 /// A camera with a picture size, in render space.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub(super) origin: Vec3,
     pub(super) right: Vec3,
@@ -76,6 +82,46 @@ impl View {
         let upwards = offset.dot(self.up) / self.per_half(depth_m, 1);
         let [width, height] = [self.size.width(), self.size.height()].map(|count| count as f32);
         Some([0.5 * (1.0 + across) * width, 0.5 * (1.0 - upwards) * height])
+    }
+
+    /// First and last pixel of the rectangle in which a sphere shows, cut off at the borders of the picture; `None` where it does not.
+    /// Nothing of it shows outside [Mara2013]; all of the picture where the eye is inside it or beside it.
+    pub fn pixels_of_sphere(&self, centre: Vec3, radius_m: f32) -> Option<[[u32; 2]; 2]> {
+        let offset = centre - self.origin;
+        let depth_m = -offset.dot(self.back);
+        let across = self.extent_of_sphere([offset.dot(self.right), depth_m], radius_m)?;
+        let upwards = self.extent_of_sphere([offset.dot(self.up), depth_m], radius_m)?;
+        let [width, height] = [self.size.width(), self.size.height()].map(|count| count as f32);
+        let pixels = |[least, most]: [f32; 2], half: f32, count: f32| {
+            let [least, most] = [least, most].map(|at| 0.5 * (1.0 + at / half) * count);
+            // Rounding of where a ray meets a surface must not take it out of its pixel.
+            let [first, last] = [least - SPHERE_SLACK_PX, most + SPHERE_SLACK_PX].map(f32::floor);
+            (last >= 0.0 && first < count)
+                .then(|| [first.max(0.0), last.min(count - 1.0)].map(|at| at as u32))
+        };
+        let [left, right] = pixels(across, self.half_size[0], width)?;
+        let [top, bottom] = pixels([-upwards[1], -upwards[0]], self.half_size[1], height)?;
+        Some([[left, top], [right, bottom]])
+    }
+
+    /// Least and most that a sphere takes up along an axis of the picture, at distance 1 (perspective) or in metres (orthographic);
+    /// `None` where all of it lies behind the eye.
+    ///
+    /// - `centre`: along that axis and the camera's, m
+    fn extent_of_sphere(&self, [along, depth_m]: [f32; 2], radius_m: f32) -> Option<[f32; 2]> {
+        if !(depth_m + radius_m > 0.0) {
+            return None;
+        }
+        if !self.is_perspective {
+            return Some([along - radius_m, along + radius_m]);
+        }
+        // Of a line x = s z that touches the circle: (a − s d)² = r² (1 + s²).
+        let ahead_m2 = (depth_m - radius_m) * (depth_m + radius_m);
+        if !(depth_m > radius_m && ahead_m2 > 0.0) {
+            return Some([f32::NEG_INFINITY, f32::INFINITY]);
+        }
+        let spread = radius_m * (along * along + ahead_m2).sqrt();
+        Some([along * depth_m - spread, along * depth_m + spread].map(|slope| slope / ahead_m2))
     }
 
     /// Unit direction from a point of render space to the eye, and the area that a pixel covers there of what faces it, m².

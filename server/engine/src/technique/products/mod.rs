@@ -16,7 +16,7 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use glam::Vec3;
+use glam::{UVec2, Vec3};
 
 pub use self::{
     crease::CREASE_ANGLE_RAD,
@@ -29,7 +29,7 @@ pub use self::{
     walls::{WallSearch, Walls},
 };
 
-use super::{Card, Counts};
+use super::{Card, Counts, View};
 use crate::{
     accel::{Hit, Ray},
     math::{Rgb, sobol::PixelSampler},
@@ -78,6 +78,17 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
         self.scattered(surface, wo, draw)
     }
 
+    /// The same light for pictures of one camera: what many neighbouring pixels see is answered for at once, where that takes less time
+    /// than to ask for each. Holds no caustics.
+    fn laid_out_for(self: Arc<Self>, _view: &View) -> Option<Arc<dyn ScreenLight>> {
+        None
+    }
+
+    /// Where it was gathered, in render space, if that was at single points.
+    fn places(&self) -> Vec<Vec3> {
+        Vec::new()
+    }
+
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
 
@@ -85,6 +96,29 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     fn packed(&self) -> Option<PackedLight> {
         None
     }
+}
+
+/// What a sample of a picture sees first.
+#[derive(Clone, Copy, Debug)]
+pub struct FirstSight {
+    /// The surface.
+    pub surface: Surface,
+    /// Unit direction from it to the eye.
+    pub wo: Vec3,
+}
+
+/// What is known of light, laid out over a picture.
+pub trait ScreenLight: fmt::Debug + Send + Sync {
+    /// What the diffuse lobes of what is seen send to the eye of light that another diffuse surface scattered before, W/(m² sr); `None`
+    /// where that is to be asked for alone.
+    ///
+    /// - `origin`: top left pixel of a tile of the picture
+    /// - `size`: of the tile, px
+    /// - `seen`: by any sample of its pixels, `[size.y × size.x]`
+    fn scattered_over(&self, origin: UVec2, size: UVec2, seen: &[Option<FirstSight>]) -> Vec<Option<Rgb>>;
+
+    /// What it took so far, of all threads.
+    fn thread_seconds(&self) -> f64;
 }
 
 /// What a surface sends to the eye of light that only mirrors and glass sent on before, W/(m² sr).

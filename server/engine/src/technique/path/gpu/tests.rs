@@ -101,6 +101,7 @@ impl Shot {
             view: Some(&view),
             settings: self.settings,
             secondary: self.known.as_deref(),
+            screen: None,
             caustics: None,
             near,
         };

@@ -46,6 +46,7 @@ impl Shot {
             view: None,
             settings: self.settings,
             secondary: self.known.as_deref(),
+            screen: None,
             caustics: None,
             near,
         };
