@@ -147,6 +147,11 @@ impl Limits {
         require((Accuracy::TARGET_MIN..1.0).contains(&error), "target_error", || {
             format!("{error}; a fraction, from {} on and below 1; 0.01 means 1 %", Accuracy::TARGET_MIN)
         })?;
+        let [least, most] = Accuracy::IRRADIANCE_RANGE;
+        let of_records = accuracy.irradiance_accuracy;
+        require((least..=most).contains(&of_records), "irradiance_accuracy", || {
+            format!("{of_records}; from {least} to {most}")
+        })?;
         let bounces = accuracy.bounces.unwrap_or(0);
         require(bounces <= self.bounces, "bounces", || format!("{bounces}; at most {}", self.bounces))
     }
@@ -229,6 +234,8 @@ mod tests {
             (r#"{"type":"accuracy","target_error":0}"#, "target_error"),
             (r#"{"type":"accuracy","target_error":1}"#, "target_error"),
             (r#"{"type":"accuracy","bounces":4000000000}"#, "bounces"),
+            (r#"{"type":"accuracy","irradiance_accuracy":0}"#, "irradiance_accuracy"),
+            (r#"{"type":"accuracy","irradiance_accuracy":1.5}"#, "irradiance_accuracy"),
             (r#"{"type":"hello","client":"a\nb","version":"1"}"#, "client"),
         ] {
             let message = ClientMessage::from_json(json).unwrap();

@@ -115,6 +115,8 @@ pub struct Quality {
     pub tone_map: ToneMap,
     /// Above 0; default 60. The server has a limit of its own.
     pub frames_per_second_max: f32,
+    /// Dots where irradiance records stand that the camera sees straight. Not in float pictures. Default false.
+    pub show_records: bool,
 }
 
 impl Default for Quality {
@@ -126,6 +128,7 @@ impl Default for Quality {
             exposure_ev: 0.0,
             tone_map: ToneMap::Aces,
             frames_per_second_max: 60.0,
+            show_records: false,
         }
     }
 }
@@ -190,6 +193,10 @@ pub struct Accuracy {
     /// Longest path in surface hits; absent = unlimited (Russian roulette ends paths without bias).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bounces: Option<u32>,
+    /// The largest error that interpolating between irradiance records may make, about: Ward's a, from
+    /// [`Accuracy::IRRADIANCE_RANGE`]. Smaller takes more records, about as one over its square. Viewers of a scene share its records:
+    /// the smallest that one of them asks for counts. Default 0.15.
+    pub irradiance_accuracy: f32,
     /// Effects chosen in place of the scene's plan; default: none.
     #[serde(skip_serializing_if = "EffectChoices::is_plan")]
     pub effects: EffectChoices,
@@ -202,6 +209,7 @@ impl Default for Accuracy {
             preset: None,
             technique: Technique::Auto,
             bounces: None,
+            irradiance_accuracy: 0.15,
             effects: EffectChoices::default(),
         }
     }
@@ -210,6 +218,10 @@ impl Default for Accuracy {
 impl Accuracy {
     /// Least `target_error`: a millionth. No picture in single precision is better.
     pub const TARGET_MIN: f32 = 1e-6;
+
+    /// Least and greatest `irradiance_accuracy`: below, single pixels have records of their own, and above, records count over
+    /// half of a room.
+    pub const IRRADIANCE_RANGE: [f32; 2] = [0.02, 1.0];
 
     /// The error that people write as a share or in percent: 0.02, 2% or 2 %; nothing for what is no number from
     /// [`Accuracy::TARGET_MIN`] on and below 1.

@@ -4,7 +4,7 @@ use super::forecast;
 use super::form::{form, line, tick};
 use crate::model::Model;
 use egui::{ComboBox, DragValue, Response, Slider, Ui};
-use lumicast_protocol::{Codec, Technique, ToneMap};
+use lumicast_protocol::{Accuracy, Codec, Technique, ToneMap};
 
 /// What a first tick of "limit bounces" asks for: most scenes change by less than a percent beyond it.
 const BOUNCES_FIRST: u32 = 16;
@@ -43,6 +43,8 @@ pub fn show_picture(ui: &mut Ui, model: &mut Model) {
                 )
             },
         );
+        let hint = "Dots where records of irradiance stand that the camera sees. Not in float pictures";
+        tick(ui, "Show records", hint, &mut quality.show_records);
         if matches!(quality.codec, Codec::Auto | Codec::Jpeg) {
             line(ui, "JPEG quality", "Above about 85 it grows faster than it gains", |ui| {
                 ui.spacing_mut().slider_width = 92.0;
@@ -70,6 +72,20 @@ pub fn show_accuracy(ui: &mut Ui, model: &mut Model) {
         line(ui, "Technique", "Where indirect light comes from", |ui| {
             choice(ui, "technique", &mut accuracy.technique, &Technique::ALL, technique_name)
         });
+        if matches!(accuracy.technique, Technique::Auto | Technique::Irradiance) {
+            let hint = "Largest error between records of irradiance (Ward's a). Smaller takes more records; those there are stay. \
+                        All who look at the scene share them: the smallest counts";
+            line(ui, "Records' a", hint, |ui| {
+                ui.spacing_mut().slider_width = 92.0;
+                let [least, most] = Accuracy::IRRADIANCE_RANGE;
+                let slider = Slider::new(&mut accuracy.irradiance_accuracy, least..=most);
+                let slider = ui.add(slider.logarithmic(true).max_decimals(2));
+                if slider.double_clicked() {
+                    accuracy.irradiance_accuracy = Accuracy::default().irradiance_accuracy;
+                }
+                slider
+            });
+        }
         let mut limited = accuracy.bounces.is_some();
         if tick(
             ui,

@@ -2,7 +2,8 @@
 
 use crate::convert;
 use crate::images::{self, EncodeError, JpegQuality};
-use lumicast_engine::film::{Display, Picture};
+use glam::UVec2;
+use lumicast_engine::film::{Display, Picture, PictureSize};
 use lumicast_protocol::{Codec, PayloadCodec, Quality};
 
 /// Packs the pictures of one viewer. Keeps the tables of its last exposure and tone map: making them takes longer than
@@ -23,12 +24,13 @@ pub(super) fn codec(asked: Codec, converged: bool) -> PayloadCodec {
 }
 
 impl Packer {
-    /// The payload of a frame. Runs its parallel parts on the current rayon pool.
+    /// The payload of a frame, with dots in `marked` pixels unless it is a float one. Runs its parallel parts on the current rayon pool.
     pub(super) fn pack(
         &mut self,
         picture: &Picture<'_>,
         quality: &Quality,
         codec: PayloadCodec,
+        marked: &[UVec2],
     ) -> Result<Vec<u8>, EncodeError> {
         let radiance = picture.radiance();
         if codec == PayloadCodec::Float {
@@ -42,10 +44,46 @@ impl Packer {
         }
         // Just put there.
         let Some((_, _, display)) = &self.display else { unreachable!() };
-        let bytes = display.show_all(&radiance);
+        let mut bytes = display.show_all(&radiance);
+        marked.iter().for_each(|pixel| mark(&mut bytes, picture.size(), *pixel));
         match codec {
             PayloadCodec::Png => images::png_fast(&bytes, picture.size()),
             _ => images::jpeg(&bytes, picture.size(), JpegQuality::clamped(quality.jpeg_quality)),
+        }
+    }
+}
+
+/// Of dots, sRGB: a colour that surfaces seldom have.
+const DOT: [u8; 3] = [255, 40, 160];
+/// Width of a picture from which on dots are two pixels wide and high: single ones are lost there, in JPEG most of all.
+const WIDE_DOTS_FROM: u32 = 320;
+
+/// Marks a pixel of sRGB bytes `[h × w × 3]`; in large pictures also those right of and below it.
+fn mark(bytes: &mut [u8], size: PictureSize, pixel: UVec2) {
+    let width = if size.width() < WIDE_DOTS_FROM { 1 } else { 2 };
+    let end = (pixel + width).min(UVec2::new(size.width(), size.height()));
+    for y in pixel.y..end.y {
+        let row = y as usize * size.width() as usize;
+        let (first, last) = (3 * (row + pixel.x as usize), 3 * (row + end.x as usize));
+        bytes[first..last].as_chunks_mut().0.fill(DOT);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Dots colour their pixels and no others, also at borders.
+    #[test]
+    fn dots_stay_in_the_picture() {
+        for (width, coloured) in [(4, [1, 1]), (400, [4, 1])] {
+            let size = PictureSize::new(width, 3).unwrap();
+            for (pixel, coloured) in [UVec2::ZERO, UVec2::new(width - 1, 2)].into_iter().zip(coloured) {
+                let mut bytes = vec![0; size.pixel_count() * 3];
+                mark(&mut bytes, size, pixel);
+                assert_eq!(bytes.chunks(3).filter(|rgb| *rgb == DOT).count(), coloured);
+                assert_eq!(bytes.iter().filter(|byte| **byte > 0).count(), 3 * coloured);
+            }
         }
     }
 }

@@ -83,6 +83,8 @@ pub(super) struct Gaze {
     pub(super) viewer: u64,
     pub(super) camera: CameraView,
     pub(super) size: PictureSize,
+    /// Of records of irradiance.
+    pub(super) irradiance_accuracy: f32,
 }
 
 /// What is learnt of one scene's light, for each technique and bound on bounces that somebody looks with.
@@ -168,6 +170,12 @@ impl Lighting {
                 self.lit.insert(*key, lit);
             }
             let Some(lit) = self.lit.get_mut(key) else { continue };
+            // Records are shared: who asks for less gets more.
+            let accuracy = gazes.iter().map(|gaze| gaze.irradiance_accuracy).reduce(f32::min);
+            if let Some(accuracy) = accuracy {
+                lit.learner.set_accuracy(accuracy);
+                lit.follow(&mut self.generation);
+            }
             lit.learner.look_away(|viewer| gazes.iter().any(|gaze| gaze.viewer == viewer));
             gazes.iter().for_each(|gaze| lit.learner.look(gaze.viewer, &gaze.camera, gaze.size));
         }

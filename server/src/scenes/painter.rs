@@ -126,7 +126,8 @@ impl Painter {
             let key = self.key_of(&wish, snapshot, self.films.get(&viewer.id()));
             let size = PictureSize::new(key.full[0].into(), key.full[1].into());
             if let (Some(light), Ok(size)) = (key.light, size) {
-                let gaze = Gaze { viewer: viewer.id(), camera: key.view, size };
+                let irradiance_accuracy = wish.irradiance_accuracy;
+                let gaze = Gaze { viewer: viewer.id(), camera: key.view, size, irradiance_accuracy };
                 wanted.entry(light).or_default().push(gaze);
             }
         }
@@ -588,7 +589,10 @@ impl Painter {
             at: Instant::now(),
         });
         let packer = &mut film.packer;
-        let packed = self.scene.workshop.drawing_pool.install(|| packer.pack(&picture, &wish.quality, codec));
+        let packed = self.scene.workshop.drawing_pool.install(|| {
+            let marked = if wish.quality.show_records { rendering.places_seen() } else { Vec::new() };
+            packer.pack(&picture, &wish.quality, codec, &marked)
+        });
         let payload = match packed {
             Ok(payload) => payload,
             Err(error) => {

@@ -45,6 +45,7 @@ pub(super) struct Wish {
     pub(super) indirect: Indirect,
     pub(super) technique: Technique,
     pub(super) bounces_max: Option<u32>,
+    pub(super) irradiance_accuracy: f32,
     pub(super) effects: EffectChoices,
 }
 
@@ -205,6 +206,7 @@ impl Viewer {
             indirect: state.indirect,
             technique: state.technique,
             bounces_max: state.accuracy.bounces,
+            irradiance_accuracy: state.accuracy.irradiance_accuracy,
             effects: convert::effect_choices(state.accuracy.effects),
         })
     }

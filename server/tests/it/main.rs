@@ -9,5 +9,6 @@ mod harness;
 mod hostile;
 mod http;
 mod openapi;
+mod records;
 mod schema;
 mod stream;

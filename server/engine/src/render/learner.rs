@@ -223,6 +223,22 @@ impl Learner {
         }
     }
 
+    /// Records of irradiance count as far as this accuracy says from now on; see [`IrradianceCaching::set_accuracy`].
+    pub fn set_accuracy(&mut self, accuracy: f32) {
+        let of = &mut self.of.irradiance.weighing.accuracy;
+        if std::mem::replace(of, accuracy) == accuracy {
+            return;
+        }
+        let Some(records) = &mut self.records else { return };
+        records.set_accuracy(accuracy);
+        let is_shown = self.known.as_ref().is_some_and(|known| known.card().name == records.card().name);
+        if is_shown {
+            self.known = Some(records.snapshot());
+            self.generation += 1;
+            self.gaze_count = records.gathered_count();
+        }
+    }
+
     /// How far it has got, for all who look.
     pub fn stage(&self) -> Stage {
         let Some(illumination) = &self.illumination else { return Stage::Complete };

@@ -1,0 +1,37 @@
+//! Records of irradiance as viewers see and steer them.
+
+use crate::harness::{Server, Viewer};
+use serde_json::json;
+
+/// As the server marks a record's place.
+const DOT: [u8; 3] = [255, 40, 160];
+
+/// Dots in frames from the next on, until there are as many as asked for.
+async fn dots_where(viewer: &mut Viewer, is_enough: impl Fn(usize) -> bool) -> usize {
+    loop {
+        let (header, payload) = viewer.frame().await;
+        let picture = image::load_from_memory(&payload).unwrap().into_rgb8();
+        let dots = picture.pixels().filter(|pixel| pixel.0 == DOT).count();
+        if header.size == header.full_size && is_enough(dots) {
+            return dots;
+        }
+    }
+}
+
+/// Where records stand is shown to whoever asks for it, and a finer accuracy makes more of them without another camera or edit.
+#[tokio::test]
+async fn records_are_shown_and_grow_in_number_with_accuracy() {
+    let server = Server::start(|_| {}).await;
+    let mut viewer = server.viewer().await;
+    viewer.say(json!({"type": "quality", "codec": "png", "show_records": true})).await;
+    let accuracy = |of_records: f64| json!({"type": "accuracy", "technique": "irradiance", "target_error": 0.001, "irradiance_accuracy": of_records});
+    viewer.say(accuracy(1.0)).await;
+    viewer.camera("main", [160, 120]).await;
+    let coarse = dots_where(&mut viewer, |dots| dots > 20).await;
+    viewer.say(accuracy(0.05)).await;
+    let fine = dots_where(&mut viewer, |dots| dots > 3 * coarse).await;
+    assert!(fine < 160 * 120, "{fine} for {coarse}");
+    viewer.say(json!({"type": "quality", "codec": "png"})).await;
+    dots_where(&mut viewer, |dots| dots == 0).await;
+    server.stop().await;
+}
