@@ -4,6 +4,9 @@
 //! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves. An edit drops those
 //! whose rays met what it touched (`sight.rs`); light is gathered anew for the others before anything else is done.
 
+#[cfg(test)]
+pub(super) mod tests;
+
 use std::{
     sync::{
         Arc,

@@ -10,19 +10,17 @@ use glam::{DAffine3, DVec3, Vec3};
 use super::{record::GatherBy, walk::Seen, *};
 use crate::{
     accel::{Hit, Ray, SurfacePoint},
-    film::PictureSize,
     math::{
         sobol::{self, PixelSampler, point},
         warp,
     },
+    scene::Material,
     scene::samples,
-    scene::{CameraView, Material},
-    technique::{Products, Step, Technique},
     transport::World,
 };
 
 /// Walls that shine as painted, wherever they are looked at from.
-struct Painted<F>(F);
+pub(super) struct Painted<F>(pub(super) F);
 
 impl<F> std::fmt::Debug for Painted<F> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -62,7 +60,7 @@ fn record(world: &World, x: f32, z: f32, n: Vec3, rays: usize, arriving: &dyn Ar
     record_at(world, (floor(world, x, z), Facing::flat(n)), &with_rays(rays), arriving).0
 }
 
-fn record_at(
+pub(super) fn record_at(
     world: &World,
     (point, facing): (SurfacePoint, Facing),
     settings: &IrradianceSettings,
@@ -373,219 +371,4 @@ fn a_record_is_small() {
     assert!(size_of::<Record>() <= 128, "{}", size_of::<Record>());
     let with_bound = size_of::<Record>() + size_of::<sight::Sight>();
     assert!(with_bound <= 256, "{with_bound}");
-}
-
-/// Steps until nothing more is to be done.
-pub(super) fn finish(caching: &mut IrradianceCaching, world: &World) {
-    let never = std::sync::atomic::AtomicBool::new(false);
-    for _ in 0..10_000 {
-        let mut products = Products::default();
-        let mut step = Step { world, products: &mut products, canvas: None, cancel: &never };
-        if caching.step(&mut step).complete {
-            return;
-        }
-    }
-    panic!("no end of records");
-}
-
-/// When it is done every pixel is covered, whatever the size of the picture, though neighbours make each other smaller.
-#[test]
-fn the_walk_leaves_no_pixel_out() {
-    let world = room();
-    let painted: Arc<dyn ArrivingLight> =
-        Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y * p.z)));
-    let camera = world.scene().camera_view(None).unwrap();
-    for (width, height) in [(1, 1), (33, 1), (31, 17), (64, 48)] {
-        let size = PictureSize::new(width, height).unwrap();
-        let view = View::new(&world, &camera, size);
-        let mut caching = IrradianceCaching::new(with_rays(60), painted.clone(), None);
-        caching.look(0, &camera, size);
-        finish(&mut caching, &world);
-        assert!(caching.is_complete());
-        for y in 0..height {
-            for x in 0..width {
-                let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
-                let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
-                let found =
-                    caching.cache().irradiance(surface.point.position, &Facing::of(&surface, -ray.direction));
-                assert!(found.is_some(), "{width}x{height}: pixel {x} {y}");
-            }
-        }
-    }
-}
-
-/// The share of a view's pixels that records count at.
-fn covered(caching: &IrradianceCaching, world: &World, camera: &CameraView, size: PictureSize) -> f32 {
-    let view = View::new(world, camera, size);
-    let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
-    let counts = |(x, y): (u32, u32)| {
-        let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
-        let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
-        let facing = Facing::of(&surface, -ray.direction);
-        f32::from(u8::from(caching.cache().irradiance(surface.point.position, &facing).is_some()))
-    };
-    pixels.map(counts).sum::<f32>() / size.pixel_count() as f32
-}
-
-/// The room's camera, and one that looks the other way.
-fn two_cameras(world: &World) -> [CameraView; 2] {
-    let camera = world.scene().camera_view(None).unwrap();
-    let turned = DAffine3::from_rotation_y(std::f64::consts::PI) * camera.world_from_camera;
-    [camera, CameraView { world_from_camera: turned, ..camera }]
-}
-
-/// Light that is different on every wall.
-pub(super) fn uneven() -> Arc<dyn ArrivingLight> {
-    Arc::new(Painted(|p: Vec3| Rgb::new(1.0 + p.x, 1.0, 1.0 + p.y)))
-}
-
-pub(super) fn step_once(caching: &mut IrradianceCaching, world: &World) {
-    let never = std::sync::atomic::AtomicBool::new(false);
-    let mut products = Products::default();
-    caching.step(&mut Step { world, products: &mut products, canvas: None, cancel: &never });
-}
-
-/// Views that come, change and go between any two steps all end covered, with records that one after the other would have
-/// been enough for, and each record gathered for as often as asked.
-#[test]
-fn views_come_and_go() {
-    let world = room();
-    let painted = uneven();
-    let cameras = two_cameras(&world);
-    let size = PictureSize::new(40, 30).unwrap();
-    for pause in [1, 2, 3, 7, 40] {
-        let mut caching = IrradianceCaching::new(with_rays(40), painted.clone(), None);
-        caching.look(3, &cameras[0], size);
-        (0..pause).for_each(|_| step_once(&mut caching, &world));
-        caching.look(5, &cameras[1], size);
-        caching.look(9, &cameras[1], PictureSize::new(64, 8).unwrap());
-        (0..pause).for_each(|_| step_once(&mut caching, &world));
-        caching.look_away(|key| key == 5);
-        caching.look(5, &cameras[0], size);
-        step_once(&mut caching, &world);
-        caching.look(5, &cameras[1], size);
-        caching.look(3, &cameras[0], size);
-        finish(&mut caching, &world);
-        for camera in &cameras {
-            assert_eq!(covered(&caching, &world, camera, size), 1.0, "{pause}");
-        }
-        let (records, gathered) = (caching.cache().records().len() as u64, caching.gathered_count());
-        let visits = u64::from(IrradianceSettings::default().visits.get());
-        assert_eq!(gathered, visits * records, "{pause}");
-    }
-}
-
-/// A full cache keeps its records while what is looked at has them, makes them anew for another view, and comes to rest with
-/// no more than it may hold, even where one view needs more.
-#[test]
-fn a_full_cache_makes_room_once() {
-    let world = room();
-    let painted = uneven();
-    let cameras = two_cameras(&world);
-    let size = PictureSize::new(40, 30).unwrap();
-    let mut caching = IrradianceCaching::new(with_rays(40), painted.clone(), None);
-    caching.look(0, &cameras[0], size);
-    finish(&mut caching, &world);
-    let needed = caching.cache().records().len();
-    for records_max in [needed, needed / 3] {
-        let settings = IrradianceSettings { records_max, ..with_rays(40) };
-        let mut caching = IrradianceCaching::new(settings, painted.clone(), None);
-        caching.look(0, &cameras[0], size);
-        finish(&mut caching, &world);
-        let first = caching.cache().records()[0];
-        assert_eq!(caching.cache().records().len(), records_max);
-        if records_max == needed {
-            // The same view by another name.
-            caching.look(1, &cameras[0], size);
-            finish(&mut caching, &world);
-            assert_eq!(caching.cache().records()[0].position, first.position);
-        }
-        caching.look_away(|_| false);
-        caching.look(2, &cameras[1], size);
-        finish(&mut caching, &world);
-        assert!(caching.cache().records().len() <= records_max);
-        assert_ne!(caching.cache().records()[0].position, first.position);
-        let share = covered(&caching, &world, &cameras[1], size);
-        assert!(share > if records_max == needed { 0.9 } else { 0.2 }, "{share} of {records_max}");
-    }
-}
-
-/// Another accuracy weighs the records that are there otherwise and gathers light for none of them: they count as they would had they
-/// been taken in with it. A finer one makes more between them, a coarser one none; what counted before answers where finer ones are missing
-/// yet.
-#[test]
-fn accuracy_changes_without_gathering_anew() {
-    let world = room();
-    let camera = two_cameras(&world)[0];
-    let size = PictureSize::new(64, 48).unwrap();
-    let settings = IrradianceSettings { pixels_min: 0.5, ..with_rays(40) };
-    let mut caching = IrradianceCaching::new(settings, uneven(), None);
-    caching.look(0, &camera, size);
-    finish(&mut caching, &world);
-    let light = |record: &Record| (record.position, record.irradiance, record.turning, record.moving);
-    let first: Vec<Record> = caching.cache().records().to_vec();
-    let gathered = caching.gathered_count();
-
-    caching.set_accuracy(0.07);
-    assert!(!caching.is_complete() && caching.gathered_count() == gathered);
-    let everywhere = |caching: &IrradianceCaching| {
-        let view = View::new(&world, &camera, size);
-        let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
-        pixels
-            .map(|(x, y)| view.ray(x as f32 + 0.5, y as f32 + 0.5))
-            .filter(|ray| {
-                let surface = world.surface(&world.closest_hit(ray).unwrap(), ray.direction);
-                let facing = Facing::of(&surface, -ray.direction);
-                caching.cache().any_irradiance(surface.point.position, &facing).is_none()
-            })
-            .count()
-    };
-    assert_eq!(everywhere(&caching), 0, "pixels without light");
-    assert!(covered(&caching, &world, &camera, size) < 1.0);
-    finish(&mut caching, &world);
-    let finer: Vec<Record> = caching.cache().records().to_vec();
-    assert!(2 * finer.len() > 3 * first.len(), "{} after {}", finer.len(), first.len());
-    assert!(first.iter().zip(&finer).all(|(before, now)| light(before) == light(now)));
-    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
-    let visits = u64::from(settings.visits.get());
-    assert_eq!(caching.gathered_count(), visits * finer.len() as u64);
-
-    let gathered = caching.gathered_count();
-    caching.set_accuracy(0.3);
-    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
-    finish(&mut caching, &world);
-    assert_eq!((caching.gathered_count(), caching.cache().records().len()), (gathered, finer.len()));
-    // There and back, also while records are made: as if it had always been so.
-    let reaches = |caching: &IrradianceCaching| -> Vec<f32> {
-        caching.cache().records().iter().map(|record| record.radius_m).collect()
-    };
-    let coarse = reaches(&caching);
-    caching.set_accuracy(0.1);
-    caching.set_accuracy(0.3);
-    assert_eq!(reaches(&caching), coarse);
-    assert!(
-        coarse.iter().zip(&finer).any(|(now, before)| *now != before.radius_m) || settings.pixels_min == 0.0
-    );
-}
-
-/// Nobody waits for ever who changes accuracy at any moment, and the bound on what answers in between does not grow.
-#[test]
-fn accuracy_changes_at_any_moment() {
-    let world = room();
-    let camera = two_cameras(&world)[0];
-    let size = PictureSize::new(40, 30).unwrap();
-    let mut caching = IrradianceCaching::new(with_rays(20), uneven(), None);
-    caching.look(0, &camera, size);
-    for turn in 0..60_u32 {
-        step_once(&mut caching, &world);
-        caching.set_accuracy(if turn % 2 == 0 { 0.1 } else { 0.2 });
-        let mut depth = 0;
-        let mut next = caching.cache().rougher.clone();
-        while let Some(cache) = next {
-            (depth, next) = (depth + 1, cache.rougher.clone());
-        }
-        assert!(depth <= 3, "{depth} caches behind each other");
-    }
-    finish(&mut caching, &world);
-    assert_eq!(covered(&caching, &world, &camera, size), 1.0);
 }

@@ -4,7 +4,8 @@ use glam::{DAffine3, DVec3};
 
 use super::{
     super::{
-        tests::{finish, room, uneven, with_rays},
+        caching::tests::{finish, step_once, uneven},
+        tests::{room, with_rays},
         {IrradianceCaching, IrradianceSettings},
     },
     *,
@@ -52,7 +53,7 @@ fn splats_say_what_look_ups_say() {
         for steps in [1, 4, 40, usize::MAX] {
             match steps {
                 usize::MAX => finish(&mut caching, &world),
-                _ => (0..steps).for_each(|_| super::super::tests::step_once(&mut caching, &world)),
+                _ => (0..steps).for_each(|_| step_once(&mut caching, &world)),
             }
             let cache = Arc::new(caching.cache().clone());
             for camera in &cameras {
