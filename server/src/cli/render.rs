@@ -25,7 +25,7 @@ use std::{
 use lumicast_engine::{
     effects::EffectPlan,
     film::{Display, Picture, PictureSize},
-    render::{self, Illumination, Indirect, Learning, RenderSettings, Rendering},
+    render::{self, Illumination, IlluminationSettings, Indirect, Learning, RenderSettings, Rendering},
     scene::Scene,
     transport::World,
 };
@@ -174,7 +174,10 @@ impl<'a> Job<'a> {
         };
         let settings =
             RenderSettings { learning, backend: self.drawn_on.backend(), ..settings_of(self.args) };
-        let mut rendering = Rendering::new(self.world.clone(), self.view, self.size, settings);
+        let mut illumination = IlluminationSettings::of(&settings);
+        illumination.irradiance.weighing.accuracy = self.args.irradiance_accuracy;
+        let scene = (self.world.clone(), illumination);
+        let mut rendering = Rendering::learning_by(scene, self.view, self.size, settings);
         self.drawn_on.take(&mut rendering)?;
         rendering.aim_at(self.rule.error);
         Ok(rendering)

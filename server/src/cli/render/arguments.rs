@@ -61,6 +61,10 @@ pub struct RenderArgs {
     /// octree and irradiance the bound on what a surface receives takes no account of mirrors and glass between it and the eye
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
+    /// Largest error that interpolating between records of irradiance may make, about (Ward's a), from 0.02 to 1; smaller takes more
+    /// records, about as one over its square. octree and path have none
+    #[arg(long, value_name = "A", default_value_t = Accuracy::default().irradiance_accuracy, value_parser = parse_irradiance_accuracy)]
+    pub irradiance_accuracy: f32,
     /// Effects in place of the scene's plan, such as caustics=off,indirect=on: caustics and indirect may be auto, on or off.
     /// With off the picture lacks that light (what surfaces send on of caustics is indirect light, and stays); on costs time
     /// where there is something to follow, and changes nothing that is seen
@@ -239,6 +243,12 @@ fn parse_measuring(value: &str) -> Result<MeasuringShare, String> {
         .ok_or_else(|| format!("whole percent from {}% to {}%", percents.start(), percents.end()))
 }
 
+fn parse_irradiance_accuracy(value: &str) -> Result<f32, String> {
+    let [least, most] = Accuracy::IRRADIANCE_RANGE;
+    let accuracy = value.trim().parse().ok().filter(|accuracy| (least..=most).contains(accuracy));
+    accuracy.ok_or_else(|| format!("a number from {least} to {most}"))
+}
+
 fn parse_exposure(value: &str) -> Result<f32, String> {
     match f32::from_str(value) {
         // 2^±64 spans every radiance that a scene may hold.
@@ -298,6 +308,10 @@ mod tests {
         assert_eq!(parse_error(" 2 %"), Ok(0.02));
         for bad in ["0", "1", "100%", "-1", "nan", "x"] {
             assert!(parse_error(bad).is_err(), "{bad}");
+        }
+        assert_eq!(parse_irradiance_accuracy("0.1"), Ok(0.1));
+        for bad in ["0", "0.01", "1.1", "nan", "10%", ""] {
+            assert!(parse_irradiance_accuracy(bad).is_err(), "{bad}");
         }
         assert_eq!(parse_size("320x180").map(|size| (size.width(), size.height())), Ok((320, 180)));
         for bad in ["320", "320x", "x1", "0x1", "320X180", "99999x1", "-1x2"] {
