@@ -23,6 +23,11 @@ const WAITING_MAX: usize = 64;
 /// every group is traced again.
 const PROBE_PERIOD: Duration = Duration::from_secs(1);
 
+/// Between two changes of the accuracy of one scene's records, at least, and so many times as long as the last one took: all records are
+/// weighed anew and shown, and whoever drags a slider, or means harm, is not to keep others waiting.
+const WEIGHING_PAUSE: Duration = Duration::from_millis(100);
+const WEIGHING_PAUSES: u32 = 9;
+
 /// What edits changed, from the oldest the render thread has not seen.
 #[derive(Debug, Default)]
 pub(super) struct LightChanges {
@@ -93,6 +98,8 @@ pub(super) struct Lighting {
     lit: HashMap<LightKey, Lit>,
     /// Counts up with everything that becomes known of any.
     generation: u64,
+    /// Records wait until then to be weighed otherwise.
+    weighs_at: Option<Instant>,
 }
 
 #[derive(Debug)]
@@ -106,6 +113,8 @@ struct Lit {
     /// Time spent on it, beginning with that of the others that were there: the least goes first.
     seconds: f64,
     probed: Instant,
+    /// Its records are weighed otherwise from then on at the earliest.
+    may_weigh_at: Instant,
 }
 
 impl Lit {
@@ -116,6 +125,17 @@ impl Lit {
             *generation += 1;
             self.generation = *generation;
         }
+    }
+
+    /// Weighs records by another accuracy; or says when, if that was done a moment ago.
+    fn weigh(&mut self, accuracy: f32, workshop: &Workshop) -> Option<Instant> {
+        let start = Instant::now();
+        if start < self.may_weigh_at {
+            return Some(self.may_weigh_at);
+        }
+        workshop.drawing_pool.install(|| self.learner.set_accuracy(accuracy));
+        self.may_weigh_at = Instant::now() + (WEIGHING_PAUSES * start.elapsed()).max(WEIGHING_PAUSE);
+        None
     }
 
     /// Looks for changes that no edit told of, now and then; what went another way is traced again next.
@@ -147,6 +167,7 @@ impl Lighting {
     ) {
         let change = changes.take_until(snapshot.revision);
         self.lit.retain(|key, _| wanted.contains_key(key));
+        self.weighs_at = None;
         for lit in self.lit.values_mut() {
             if !change.leaves_light_alone() {
                 let edit = Edit { before: &lit.world, after: &snapshot.world, change: &change };
@@ -166,14 +187,16 @@ impl Lighting {
                     learner_generation: 0,
                     seconds,
                     probed: Instant::now(),
+                    may_weigh_at: Instant::now(),
                 };
                 self.lit.insert(*key, lit);
             }
             let Some(lit) = self.lit.get_mut(key) else { continue };
             // Records are shared: who asks for less gets more.
             let accuracy = gazes.iter().map(|gaze| gaze.irradiance_accuracy).reduce(f32::min);
-            if let Some(accuracy) = accuracy {
-                lit.learner.set_accuracy(accuracy);
+            if let Some(accuracy) = accuracy.filter(|accuracy| *accuracy != lit.learner.accuracy()) {
+                let waits_until = lit.weigh(accuracy, workshop);
+                self.weighs_at = self.weighs_at.into_iter().chain(waits_until).min();
                 lit.follow(&mut self.generation);
             }
             lit.learner.look_away(|viewer| gazes.iter().any(|gaze| gaze.viewer == viewer));
@@ -211,6 +234,11 @@ impl Lighting {
                 return true;
             }
         }
+    }
+
+    /// When records are to be weighed as somebody asked for in the meantime.
+    pub(super) fn weighs_at(&self) -> Option<Instant> {
+        self.weighs_at
     }
 
     /// All that is to be known is known.

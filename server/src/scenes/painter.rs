@@ -13,13 +13,13 @@ use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::{Gaze, LightKey, Lighting};
 use super::request::Drawing;
 use super::viewer::{Picture, Viewer, Wish};
-use super::viewer_film::{FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
+use super::viewer_film::{Aim, FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::{Outdated, PictureSize};
 use lumicast_engine::render::{Learning, RenderSettings, Rendering};
 use lumicast_engine::technique::caustics::CausticSketch;
-use lumicast_protocol::{FrameHeader, PayloadKind, Problem, ProblemKind, View};
+use lumicast_protocol::{FrameHeader, PayloadCodec, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
 use std::sync::atomic::Ordering::SeqCst;
 use std::sync::{Arc, PoisonError};
@@ -113,7 +113,7 @@ impl Painter {
                     _ => None,
                 });
                 let look_again = self.on_card.is_coming().then(|| Instant::now() + CARD_SECONDS);
-                self.rest_until(later.chain(look_again).min());
+                self.rest_until(later.chain(look_again).chain(self.lighting.weighs_at()).min());
             }
         }
     }
@@ -123,6 +123,9 @@ impl Painter {
         let mut wanted: HashMap<LightKey, Vec<Gaze>> = HashMap::new();
         for viewer in viewers {
             let Some(wish) = viewer.wish() else { continue };
+            if let Some(film) = self.films.get_mut(&viewer.id()) {
+                film.wake_for(&wish);
+            }
             let key = self.key_of(&wish, snapshot, self.films.get(&viewer.id()));
             let size = PictureSize::new(key.full[0].into(), key.full[1].into());
             if let (Some(light), Ok(size)) = (key.light, size) {
@@ -577,7 +580,8 @@ impl Painter {
             metrics.forecasts_judged.add(came_true.judged);
             metrics.forecasts_right.add(came_true.right);
         }
-        film.rests_at = (converged && film.is_lit_by_the_scene()).then_some(wish.target_error);
+        let aim = Aim { error: wish.target_error, irradiance_accuracy: wish.irradiance_accuracy };
+        film.rests_at = (converged && film.is_lit_by_the_scene()).then_some(aim);
         let codec = frames::codec(wish.quality.codec, converged);
         film.offer_at_passes = next_offer_after(passes);
         // Even if packing fails: it would fail again at once.
@@ -590,7 +594,8 @@ impl Painter {
         });
         let packer = &mut film.packer;
         let packed = self.scene.workshop.drawing_pool.install(|| {
-            let marked = if wish.quality.show_records { rendering.places_seen() } else { Vec::new() };
+            let are_shown = wish.quality.show_records && codec != PayloadCodec::Float;
+            let marked = if are_shown { rendering.places_seen() } else { Vec::new() };
             packer.pack(&picture, &wish.quality, codec, &marked)
         });
         let payload = match packed {

@@ -10,7 +10,7 @@ use super::viewer::Wish;
 use super::{Snapshot, Workshop};
 use lumicast_engine::effects::EffectChoices;
 use lumicast_engine::film::MeasuredError;
-use lumicast_engine::render::{Indirect, Rendering};
+use lumicast_engine::render::{Indirect, Learnt, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{ConvergencePoint, Stats};
 use std::sync::Arc;
@@ -84,6 +84,15 @@ pub(super) struct Shown {
     pub(super) at: Instant,
 }
 
+/// What a viewer wants a picture to be like before it rests.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Aim {
+    /// √relMSE; 0: none.
+    pub(super) error: f64,
+    /// Of records of irradiance.
+    pub(super) irradiance_accuracy: f32,
+}
+
 /// One viewer's film and where it stands.
 #[derive(Debug)]
 pub(super) struct ViewerFilm {
@@ -107,9 +116,9 @@ pub(super) struct ViewerFilm {
     pub(super) light_epoch: u64,
     /// Passes that it had then: some more are to show it before it rests.
     pub(super) relit_at_passes: u32,
-    /// It has converged to this error with what was known of the light: what others make known by looking elsewhere does not
+    /// It has converged to this with what was known of the light: what others make known by looking elsewhere does not
     /// wake it.
-    pub(super) rests_at: Option<f64>,
+    pub(super) rests_at: Option<Aim>,
     pub(super) measured: Option<MeasuredError>,
     pub(super) foretold: Foretold,
     pub(super) packer: Packer,
@@ -209,6 +218,13 @@ impl ViewerFilm {
         }
     }
 
+    /// Somebody who looks with records wants them more or less accurate: what rested does no more.
+    pub(super) fn wake_for(&mut self, wish: &Wish) {
+        let shows_records = self.key.light.is_some_and(|light| light.learnt == Learnt::Records);
+        let is_other = |aim: &mut Aim| shows_records && aim.irradiance_accuracy != wish.irradiance_accuracy;
+        self.rests_at.take_if(is_other);
+    }
+
     pub(super) fn has_converged(&self, layer: &Layer, wish: &Wish, rest: Rest) -> bool {
         let passes = layer.rendering.passes();
         let reached = match self.measured {
@@ -218,7 +234,7 @@ impl ViewerFilm {
             Some(_) => passes >= self.samples_max(layer, rest),
             None => passes >= PASSES_BLACK,
         };
-        self.rests_at.is_some_and(|error| wish.target_error >= error)
+        self.rests_at.is_some_and(|aim| wish.target_error >= aim.error)
             || layer.divisor <= self.divisor_min
                 && rest.is_lit
                 && passes >= self.relit_at_passes + PASSES_RELIT

@@ -255,7 +255,9 @@ impl Viewer {
 
     /// The next picture, acknowledged; other messages are passed over.
     pub(crate) async fn frame(&mut self) -> (FrameHeader, Vec<u8>) {
+        let deadline = Instant::now() + PATIENCE;
         loop {
+            assert!(Instant::now() < deadline, "no picture came");
             match self.hear().await {
                 Heard::Frame(header, payload) => {
                     self.acknowledge(header.frame).await;

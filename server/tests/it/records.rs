@@ -35,3 +35,27 @@ async fn records_are_shown_and_grow_in_number_with_accuracy() {
     dots_where(&mut viewer, |dots| dots == 0).await;
     server.stop().await;
 }
+
+/// A picture that rests takes up another accuracy: it comes again with other light, and rests again.
+#[tokio::test]
+async fn a_picture_at_rest_follows_accuracy() {
+    let server = Server::start(|_| {}).await;
+    let mut viewer = server.viewer().await;
+    viewer.say(json!({"type": "quality", "codec": "png"})).await;
+    let accuracy = |of_records: f64| json!({"type": "accuracy", "technique": "irradiance", "target_error": 0.2, "irradiance_accuracy": of_records});
+    viewer.say(accuracy(0.1)).await;
+    viewer.camera("main", [48, 36]).await;
+    let (_, mut before) = viewer.frame_where(|header| header.converged).await;
+    // Of two in quick succession the last counts.
+    for of_records in [1.0, 0.5, 0.3, 0.1] {
+        viewer.say(accuracy(of_records)).await;
+        if of_records == 0.5 {
+            continue;
+        }
+        viewer.frame_where(|header| !header.converged).await;
+        let (_, after) = viewer.frame_where(|header| header.converged).await;
+        assert!(after != before, "the picture of before with a = {of_records}");
+        before = after;
+    }
+    server.stop().await;
+}

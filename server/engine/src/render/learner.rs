@@ -223,6 +223,11 @@ impl Learner {
         }
     }
 
+    /// Of records of irradiance.
+    pub fn accuracy(&self) -> f32 {
+        self.of.irradiance.weighing.accuracy
+    }
+
     /// Records of irradiance count as far as this accuracy says from now on; see [`IrradianceCaching::set_accuracy`].
     pub fn set_accuracy(&mut self, accuracy: f32) {
         let of = &mut self.of.irradiance.weighing.accuracy;
@@ -231,11 +236,9 @@ impl Learner {
         }
         let Some(records) = &mut self.records else { return };
         records.set_accuracy(accuracy);
-        let is_shown = self.known.as_ref().is_some_and(|known| known.card().name == records.card().name);
-        if is_shown {
-            self.known = Some(records.snapshot());
-            self.generation += 1;
-            self.gaze_count = records.gathered_count();
+        if self.shown_records > 0 {
+            self.show_records();
+            self.gaze_count = self.shown_count;
         }
     }
 
@@ -262,12 +265,17 @@ impl Learner {
         {
             let is_better = illumination.step(world, cancel);
             if is_better {
-                self.known = illumination.known().cloned();
-                if let Some(records) = &mut self.records {
-                    records.stand_on(self.known.take());
-                    self.known = Some(records.snapshot());
+                let known = illumination.known().cloned();
+                match &mut self.records {
+                    Some(records) => {
+                        records.stand_on(known);
+                        self.show_records();
+                    }
+                    None => {
+                        self.known = known;
+                        self.generation += 1;
+                    }
                 }
-                self.generation += 1;
                 // With old records among it what is known is of both scenes.
                 if self.old_records == OldRecords::None {
                     self.epoch += u64::from(std::mem::take(&mut self.is_stale));
@@ -304,8 +312,8 @@ impl Learner {
             && fresh >= COPIED_SHARE * count as f64
             && 2 * count >= self.shown_records;
         // Nothing comes of the records until the next round is over.
-        let waits = gathers && !self.gathers_between_rounds();
-        (progress.complete || has_many || waits) && self.shows_all()
+        let is_last_for_now = gathers && !self.gathers_between_rounds();
+        (progress.complete || has_many || is_last_for_now) && self.shows_all()
     }
 
     /// Begins records, or has light gathered anew for those that an edit left, or that were gathered from a rougher octree.
@@ -356,16 +364,20 @@ impl Learner {
 
     /// Lets [`Learner::known`] hold all records made so far; true when it is more than it had.
     pub(super) fn shows_all(&mut self) -> bool {
-        let Some(records) = &self.records else { return false };
-        let count = records.gathered_count();
-        let is_more = count > self.shown_count;
+        let is_more =
+            self.records.as_ref().is_some_and(|records| records.gathered_count() > self.shown_count);
         if is_more {
-            self.known = Some(records.snapshot());
-            self.generation += 1;
-            self.shown_count = count;
-            self.shown_records = records.cache().records().len();
+            self.show_records();
         }
         is_more
+    }
+
+    /// Lets [`Learner::known`] hold the records as they are.
+    fn show_records(&mut self) {
+        let Some(records) = &self.records else { return };
+        self.known = Some(records.snapshot());
+        self.generation += 1;
+        (self.shown_count, self.shown_records) = (records.gathered_count(), records.cache().records().len());
     }
 
     /// Withdraws what an edit made stale; call before the next [`Learner::step`]. Records that saw nothing of it stay, with light of
@@ -377,6 +389,10 @@ impl Learner {
         }
         let before = illumination.generation();
         let begins_again = illumination.apply(edit);
+        if begins_again {
+            // Else edits that follow each other closely would put the next round off for ever.
+            (self.rough_seconds, self.rough_steps) = (0.0, 0);
+        }
         if illumination.generation() != before {
             self.known = illumination.known().cloned();
             self.generation += 1;
@@ -398,19 +414,14 @@ impl Learner {
 
     /// Shows the records that an edit left.
     fn keep_records(&mut self) {
-        let Some(records) = &self.records else { return };
-        let count = records.cache().records().len();
         self.old_records = OldRecords::Waiting;
         self.is_stale = true;
-        self.known = Some(records.snapshot());
-        self.generation += 1;
-        (self.shown_count, self.shown_records) = (records.gathered_count(), count);
+        self.show_records();
         self.gaze_count = self.shown_count;
     }
 
     fn forget_records(&mut self) {
         (self.shown_count, self.shown_records, self.gaze_count) = (0, 0, 0);
-        (self.rough_seconds, self.rough_steps) = (0.0, 0);
         self.old_records = OldRecords::None;
         if self.records.take().is_some() {
             self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();

@@ -319,6 +319,13 @@ mod tests {
         }
     }
 
+    /// The protocol cannot see the engine, but both mean the same records.
+    #[test]
+    fn the_default_accuracy_is_the_engines() {
+        let engine = lumicast_engine::technique::irradiance::IrradianceSettings::default();
+        assert_eq!(Accuracy::default().irradiance_accuracy, engine.weighing.accuracy);
+    }
+
     /// Techniques that do not exist yet and backends that are none are refused with those that do.
     #[test]
     fn what_does_not_exist_yet_is_refused_with_what_does() {

@@ -252,6 +252,22 @@ fn rough_records_come_before_the_second_round_of_photons() {
         looks += 1;
         assert!(looks < 2_000, "rough records for ever");
     }
+    // And somebody who edits all the time does neither.
+    let mut learner = Learner::new(Learnt::Records, &settings, of);
+    learner.look(0, &camera, size);
+    let (mut world, mut steps) = (world, 0);
+    while learner.illumination().unwrap().is_before_last_round() {
+        learner.step(&world, &never);
+        steps += 1;
+        if steps % 8 == 0 {
+            let moved = DAffine3::from_translation(DVec3::X * 0.01 * f64::from(steps / 8 % 2));
+            let (next, change) =
+                edited(&world, |builder| builder.set_transform("glass ball", moved).unwrap());
+            learner.apply(&Edit { before: &world, after: &next, change: &change });
+            world = next;
+        }
+        assert!(steps < 4_000, "rough records for ever");
+    }
 }
 
 /// What is shown after an edit counts as of the scene after it only when no light of before is in it: then pictures begin anew.

@@ -171,6 +171,8 @@ impl IrradianceCaching {
         self.stand_on(base);
         self.batch = None;
         self.places.iter_mut().for_each(|place| place.visits = 0);
+        // Their light would stay as it is.
+        self.cache.rougher = None;
         self.refining = Refining { visits: 0, next: 0 };
         self.settle();
     }
@@ -183,26 +185,42 @@ impl IrradianceCaching {
     }
 
     /// Records count as far as this accuracy says from now on, a of [Ward1988]. Light is gathered anew for none: they are weighed
-    /// otherwise, and where they reach less far, more are made between them. Until then what counted before answers there.
+    /// otherwise, and where they reach less far, more are made between them. Until then the same records answer there as far as they
+    /// counted, so that no pixel that was covered loses its light, however often accuracy changes; the base does where light is just
+    /// being gathered anew after an edit.
     pub fn set_accuracy(&mut self, accuracy: f32) {
         if self.settings.weighing.accuracy == accuracy {
             return;
         }
         self.settings.weighing.accuracy = accuracy;
-        let cache = self.weighed_anew(&self.cache);
-        let before = std::mem::replace(&mut self.cache, cache);
-        self.relit = self.relit.take().map(|relit| self.weighed_anew(&relit));
-        if self.cache.settings.weighing.accuracy < before.settings.weighing.accuracy {
-            self.cache.rougher = Some(Arc::new(IrradianceCache { rougher: None, ..before }));
-        }
+        let rougher = self.as_far_as_ever();
+        let settings = self.settings.rougher(ROUNDS[self.round]);
+        self.relit = self.relit.take().map(|relit| self.weighed(&relit, settings, 1.0));
+        self.cache = self.weighed(&self.cache, settings, 1.0);
+        self.cache.rougher = Some(Arc::new(rougher));
         self.begin_walks();
     }
 
-    /// The records of a cache as they count now.
-    fn weighed_anew(&self, of: &IrradianceCache) -> IrradianceCache {
-        let mut cache = IrradianceCache::new(self.settings.rougher(ROUNDS[self.round]), self.base.clone());
+    /// The records, each with a reach no shorter than it has here or in any of the caches that answer after this one.
+    fn as_far_as_ever(&self) -> IrradianceCache {
+        let covers_all = self.gazes.iter().all(|gaze| gaze.is_covered);
+        let behind = std::iter::successors(self.cache.rougher.as_ref(), |cache| cache.rougher.as_ref());
+        let mut settings = IrradianceSettings { clamps_neighbours: false, ..self.cache.settings };
+        for behind in behind.filter(|_| !covers_all) {
+            settings.weighing.accuracy = settings.weighing.accuracy.max(behind.settings.weighing.accuracy);
+            settings.pixels_min = settings.pixels_min.max(behind.settings.pixels_min);
+        }
+        self.weighed(&self.cache, settings, settings.pixels_min / self.cache.settings.pixels_min)
+    }
+
+    /// The records of a cache as they count by other settings.
+    ///
+    /// - `pixels`: over how many times as many pixels
+    fn weighed(&self, of: &IrradianceCache, settings: IrradianceSettings, pixels: f32) -> IrradianceCache {
+        let mut cache = IrradianceCache::new(settings, self.base.clone());
         for (record, place) in of.records.iter().zip(&self.places) {
-            cache.insert(Record { radius_m: place.radius_m, ..*record });
+            let reach_min_m = record.reach_min_m * pixels;
+            cache.insert(Record { radius_m: place.radius_m, reach_min_m, ..*record });
         }
         cache
     }

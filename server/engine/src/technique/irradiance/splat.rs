@@ -41,7 +41,7 @@ pub(super) struct Splats {
     columns: u32,
     /// The finest first.
     caches: Vec<Placed>,
-    /// Of all threads.
+    /// Of all threads; sorting counts as one's.
     nanoseconds: AtomicU64,
 }
 
@@ -78,8 +78,9 @@ struct SeenPoint {
 }
 
 impl Splats {
-    /// Memory for each pixel of a picture, at most.
-    pub(super) const BYTES_PER_PIXEL: usize = PLACED_PER_PIXEL * size_of::<PlacedRecord>();
+    /// Memory for each pixel of a picture, at most: of records in tiles, and of all while they are sorted.
+    pub(super) const BYTES_PER_PIXEL: usize =
+        PLACED_PER_PIXEL * size_of::<PlacedRecord>() + RECORDS_PER_PIXEL * size_of::<Option<PixelRect>>();
 
     /// `None` where looking records up takes less time, or less memory.
     pub(super) fn of(cache: Arc<IrradianceCache>, view: &View) -> Option<Splats> {

@@ -88,7 +88,8 @@ impl PathSettings {
     }
 }
 
-/// Path tracing on the CPU, on the rayon pool it is called in. Keeps nothing between steps but the film.
+/// Path tracing on the CPU, on the rayon pool it is called in. Keeps nothing between steps but the film, and known
+/// light as it lies on the view that was last drawn.
 #[derive(Debug)]
 pub struct PathTracer {
     settings: PathSettings,
@@ -128,7 +129,8 @@ impl PathTracer {
     /// What is known of light, laid out for a view. It lacks caustics, which something else must bring where there are any.
     fn lay_out_for(&mut self, view: &View, has_caustics_apart: bool) {
         let Some(secondary) = &self.secondary else { return };
-        if !has_caustics_apart && secondary.has_caustics() {
+        let shows_caustics = self.settings.shown.contains(PathClass::Caustic);
+        if shows_caustics && !has_caustics_apart && secondary.has_caustics() {
             self.screen = None;
         } else if self.screen.as_ref().is_none_or(|(of, _)| of != view) {
             self.screen = Some((*view, Arc::clone(secondary).laid_out_for(view)));
@@ -179,7 +181,7 @@ impl Technique for PathTracer {
     }
 
     fn apply(&mut self, _edit: &Edit<'_>) {
-        // Nothing is kept of the scene between steps.
+        // Nothing is kept of the scene between steps: known light is of the scene that whoever made this tracer knows.
     }
 }
 

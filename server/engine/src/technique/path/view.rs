@@ -85,7 +85,7 @@ impl View {
     }
 
     /// First and last pixel of the rectangle in which a sphere shows, cut off at the borders of the picture; `None` where it does not.
-    /// Nothing of it shows outside [Mara2013]; all of the picture where the eye is inside it or beside it.
+    /// Nothing of it shows outside [Mara2013]; all of the picture where the eye is inside it.
     pub fn pixels_of_sphere(&self, centre: Vec3, radius_m: f32) -> Option<[[u32; 2]; 2]> {
         let offset = centre - self.origin;
         let depth_m = -offset.dot(self.back);
@@ -115,13 +115,24 @@ impl View {
         if !self.is_perspective {
             return Some([along - radius_m, along + radius_m]);
         }
-        // Of a line x = s z that touches the circle: (a − s d)² = r² (1 + s²).
-        let ahead_m2 = (depth_m - radius_m) * (depth_m + radius_m);
-        if !(depth_m > radius_m && ahead_m2 > 0.0) {
+        let tangent_m2 = along * along + depth_m * depth_m - radius_m * radius_m;
+        if !(tangent_m2 > 0.0) {
             return Some([f32::NEG_INFINITY, f32::INFINITY]);
         }
-        let spread = radius_m * (along * along + ahead_m2).sqrt();
-        Some([along * depth_m - spread, along * depth_m + spread].map(|slope| slope / ahead_m2))
+        // Two lines from the eye touch the circle; their directions are those to its centre turned by asin(r / distance) either way,
+        // whose sine and cosine are, but for a common factor, as follows. A line that goes backwards bounds nothing in front.
+        let tangent_m = tangent_m2.sqrt();
+        let bound = |radius_m: f32| {
+            let (across, ahead) =
+                (along * tangent_m + depth_m * radius_m, depth_m * tangent_m - along * radius_m);
+            (ahead > 0.0).then(|| across / ahead)
+        };
+        let (least, most) = (bound(-radius_m), bound(radius_m));
+        // From behind the eye it reaches into the picture on the side that it lies on, if at all.
+        if depth_m < 0.0 && (if along < 0.0 { most } else { least }).is_none() {
+            return None;
+        }
+        Some([least.unwrap_or(f32::NEG_INFINITY), most.unwrap_or(f32::INFINITY)])
     }
 
     /// Unit direction from a point of render space to the eye, and the area that a pixel covers there of what faces it, m².

@@ -151,6 +151,19 @@ fn a_full_cache_makes_room_once() {
     }
 }
 
+/// Pixels of a view for which neither records nor rougher ones answer.
+fn dark_pixels(caching: &IrradianceCaching, world: &World, camera: &CameraView, size: PictureSize) -> usize {
+    let view = View::new(world, camera, size);
+    let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
+    let is_dark = |(x, y): &(u32, u32)| {
+        let ray = view.ray(*x as f32 + 0.5, *y as f32 + 0.5);
+        let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+        let facing = Facing::of(&surface, -ray.direction);
+        caching.cache().any_irradiance(surface.point.position, &facing).is_none()
+    };
+    pixels.filter(is_dark).count()
+}
+
 /// Another accuracy weighs the records that are there otherwise and gathers light for none of them: they count as they would had they
 /// been taken in with it. A finer one makes more between them, a coarser one none; what counted before answers where finer ones are missing
 /// yet.
@@ -169,19 +182,7 @@ fn accuracy_changes_without_gathering_anew() {
 
     caching.set_accuracy(0.07);
     assert!(!caching.is_complete() && caching.gathered_count() == gathered);
-    let everywhere = |caching: &IrradianceCaching| {
-        let view = View::new(&world, &camera, size);
-        let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| (x, y)));
-        pixels
-            .map(|(x, y)| view.ray(x as f32 + 0.5, y as f32 + 0.5))
-            .filter(|ray| {
-                let surface = world.surface(&world.closest_hit(ray).unwrap(), ray.direction);
-                let facing = Facing::of(&surface, -ray.direction);
-                caching.cache().any_irradiance(surface.point.position, &facing).is_none()
-            })
-            .count()
-    };
-    assert_eq!(everywhere(&caching), 0, "pixels without light");
+    assert_eq!(dark_pixels(&caching, &world, &camera, size), 0);
     assert!(covered(&caching, &world, &camera, size) < 1.0);
     finish(&mut caching, &world);
     let finer: Vec<Record> = caching.cache().records().to_vec();
@@ -204,12 +205,10 @@ fn accuracy_changes_without_gathering_anew() {
     caching.set_accuracy(0.1);
     caching.set_accuracy(0.3);
     assert_eq!(reaches(&caching), coarse);
-    assert!(
-        coarse.iter().zip(&finer).any(|(now, before)| *now != before.radius_m) || settings.pixels_min == 0.0
-    );
 }
 
-/// Nobody waits for ever who changes accuracy at any moment, and the bound on what answers in between does not grow.
+/// Nobody waits for ever who changes accuracy at any moment, no pixel that was covered once loses its light in between, and what answers
+/// there does not grow in number.
 #[test]
 fn accuracy_changes_at_any_moment() {
     let world = room();
@@ -217,9 +216,13 @@ fn accuracy_changes_at_any_moment() {
     let size = PictureSize::new(40, 30).unwrap();
     let mut caching = IrradianceCaching::new(with_rays(20), uneven(), None);
     caching.look(0, &camera, size);
-    for turn in 0..60_u32 {
-        step_once(&mut caching, &world);
-        caching.set_accuracy(if turn % 2 == 0 { 0.1 } else { 0.2 });
+    let mut was_covered = false;
+    for turn in 0..90_u32 {
+        // Twice without anything in between, and in the middle of the work.
+        (0..turn % 3).for_each(|_| step_once(&mut caching, &world));
+        was_covered |= dark_pixels(&caching, &world, &camera, size) == 0;
+        caching.set_accuracy([0.1, 0.2, 0.07, 0.15][turn as usize % 4]);
+        assert!(!was_covered || dark_pixels(&caching, &world, &camera, size) == 0, "{turn}");
         let mut depth = 0;
         let mut next = caching.cache().rougher.clone();
         while let Some(cache) = next {
@@ -227,6 +230,7 @@ fn accuracy_changes_at_any_moment() {
         }
         assert!(depth <= 3, "{depth} caches behind each other");
     }
+    assert!(was_covered);
     finish(&mut caching, &world);
     assert_eq!(covered(&caching, &world, &camera, size), 1.0);
 }

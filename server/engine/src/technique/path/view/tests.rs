@@ -79,11 +79,39 @@ fn spheres_show_in_their_pixels() {
             assert!(!(is_seen && found.is_none()));
         }
     }
-    assert!(shown > 1_000 && hidden > 1_000 && partly > 100, "{shown} {hidden} {partly}");
-    // Far away from the eye it is as wide as it seems.
+    assert!(shown > 1_000 && hidden > 1_000 && partly > 10, "{shown} {hidden} {partly}");
+    // It is as wide as it seems, wherever it is and however near.
+    for number in 0..300 {
+        let [x, y, z, r] = point(5, number);
+        let view = View::new(&world, &perspective, size);
+        let ahead = view.ray(64.0 * x, 36.0 * y);
+        let (away, radius) = (0.1 + z, (0.1 + z) * (0.02 + 0.5 * r));
+        let centre = ahead.origin + ahead.direction * away;
+        let on_it = |k: u32| {
+            let [u, v, ..] = point(1_000 + u64::from(number), k);
+            view.project(centre + warp::sphere([u, v]) * radius)
+        };
+        let seen: Vec<[f32; 2]> = (0..4_000).filter_map(on_it).collect();
+        let [[left, top], [right, bottom]] = view.pixels_of_sphere(centre, radius).unwrap();
+        for (axis, first, last, count) in [(0, left, right, 64.0), (1, top, bottom, 36.0)] {
+            let hull = seen.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[least, most], at| {
+                [least.min(at[axis]), most.max(at[axis])]
+            });
+            let [least, most] = hull.map(|at| at.clamp(0.0, count - 1.0));
+            let slack = 2.0 + 0.1 * (most - least);
+            assert!((least - first as f32).abs() < slack && (last as f32 - most).abs() < slack, "{hull:?}");
+        }
+    }
+    // Beside the eye, level with it, and outside of what it sees: not in the picture, though some of it lies in front.
     let view = View::new(&world, &perspective, size);
-    let ahead = view.ray(32.0, 18.0);
-    let [[left, _], [right, _]] = view.pixels_of_sphere(ahead.origin + ahead.direction * 10.0, 1.0).unwrap();
-    let width = 36.0 / (10.0 * (0.55_f32).tan());
-    assert!(((right - left) as f32 - width).abs() < 2.0, "{left} {right} for {width}");
+    let side =
+        |right: f32, up: f32, back: f32| view.origin + view.right * right + view.up * up + view.back * back;
+    for [right, up] in [[3.0, 0.0], [-3.0, 0.0], [0.0, 3.0], [0.0, -3.0]] {
+        for back in [-0.1, 0.0, 0.1] {
+            assert_eq!(view.pixels_of_sphere(side(right, up, back), 1.0), None, "{right} {up} {back}");
+        }
+    }
+    // From the side it reaches in as far as the line that touches it.
+    let [[left, _], [right, _]] = view.pixels_of_sphere(side(3.0, 0.0, 0.1), 2.5).unwrap();
+    assert!(left > 32 && right == 63, "{left} {right}");
 }
