@@ -1,31 +1,31 @@
-//! The error of a picture, measured at some pixels that are path-traced twice.
+//! The error of a picture, measured at some pixels that are path-traced several times.
 
 use rayon::prelude::*;
 
 use super::{
     MeasuredError, PictureSize,
-    measured::{mean_around, of_pixels},
+    measured::{Beside, mean_around, of_pixels},
     weights::{Found, Weights},
 };
 use crate::math::Rgb;
 
-/// Parts of either half of a gauged pixel's samples: an error that is found with one is weighed by what the others found. With
-/// four, three quarters of the samples weigh each.
-pub const GAUGED_PARTS: usize = 4;
+/// Groups of a gauged pixel's samples, independent of each other and of every picture. An error that is found with two of them is
+/// weighed by what the other six found.
+pub const GAUGED_GROUPS: usize = 8;
 
-/// What path tracing says of one pixel, twice and independently of the picture and of each other: with d the value shown and
-/// x₁, x₂ the two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
+/// What path tracing says of one pixel, several times and independently of the picture and of each other: with d the value shown
+/// and x₁, x₂ any two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaugedPixel {
     /// Place in the picture, row by row.
     pub index: usize,
     /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
     pub weight: f64,
-    /// x₁ and x₂, W/(m² sr), each as the sum of what the parts of its samples add to it.
-    pub parts: [[[f64; 3]; GAUGED_PARTS]; 2],
-    /// Share of each part in the samples of its half.
-    pub shares: [f64; GAUGED_PARTS],
-    /// Variance of the mean of x₁ and x₂, (W/(m² sr))², as far as its samples tell.
+    /// Means of groups of as many samples, W/(m² sr).
+    pub groups: [[f64; 3]; GAUGED_GROUPS],
+    /// The first half of the groups have something in common, and so have the others: no error is found within a half.
+    pub halves: bool,
+    /// Variance of the mean of all, (W/(m² sr))², as far as their samples tell.
     pub variance: [f64; 3],
 }
 
@@ -74,9 +74,17 @@ impl AtPixels {
 
 /// The error of `image` (`[h × w]`, W/(m² sr)), bias included, by what is known of the truth at some of its pixels; `None`
 /// below two of them and for pictures that are black all over.
-pub fn measure_at(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Option<MeasuredError> {
-    let AtPixels { errors, doubt, .. } = AtPixels::of(image, size, pixels)?;
-    Some(of_pixels(&errors, doubt))
+///
+/// - `least`: relMSE that the picture surely has, as that of its noise
+pub fn measure_at(
+    image: &[Rgb],
+    size: PictureSize,
+    pixels: &[GaugedPixel],
+    least: f64,
+) -> Option<MeasuredError> {
+    let AtPixels { errors, noises, doubt } = AtPixels::of(image, size, pixels)?;
+    let noise = noises.iter().sum::<f64>().sqrt() / noises.len() as f64;
+    Some(of_pixels(&errors, Beside { noise, doubt, least }))
 }
 
 /// Whether more pixels would make such a measure surer than more samples for these: their errors differ by more than by what is
@@ -90,55 +98,64 @@ pub fn wants_more_pixels(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel
 }
 
 impl GaugedPixel {
-    /// x₁ and x₂.
-    fn halves(&self) -> [[f64; 3]; 2] {
-        self.parts.map(|parts| std::array::from_fn(|c| parts.iter().map(|part| part[c]).sum()))
+    /// Pairs of groups that errors are found with.
+    fn pairs(&self) -> impl Iterator<Item = [usize; 2]> + Clone + use<> {
+        let halves = self.halves;
+        let half = GAUGED_GROUPS / 2;
+        let all = (0..GAUGED_GROUPS).flat_map(|i| (i + 1..GAUGED_GROUPS).map(move |j| [i, j]));
+        all.filter(move |[i, j]| !halves || *i < half && *j >= half)
+    }
+
+    /// Σ of the groups' means.
+    fn sum(&self, c: usize) -> f64 {
+        self.groups.iter().map(|group| group[c]).sum()
     }
 
     /// What all of its samples say of channel `c`.
     pub(super) fn found(&self, c: usize) -> Found {
-        let [a, b] = self.halves();
-        Found { mean: 0.5 * (a[c] + b[c]), variance: self.variance[c], samples_share: 1.0 }
+        Found { mean: self.sum(c) / GAUGED_GROUPS as f64, variance: self.variance[c], samples_share: 1.0 }
     }
 
-    /// (d − x₁)(d − x₂) by channel, not weighed.
+    /// Mean of (d − x₁)(d − x₂) over the pairs, by channel, not weighed.
     pub(super) fn squared_errors(&self, shown: [f64; 3]) -> [f64; 3] {
-        let [a, b] = self.halves();
-        std::array::from_fn(|c| (shown[c] - a[c]) * (shown[c] - b[c]))
+        self.mean_over_pairs(shown, |_, _| 1.0)
     }
 
-    /// The same, weighed. (d − x₁)(d − x₂) is the sum of the products of a part of one half and a part of the other. Each is
-    /// weighed by what all the other parts found: a weight that knew of the same samples would be small where they are bright
-    /// and large where they are dark, so that their noise would count as error. (Of the variance and the groups' ratios they are a part
-    /// still, so little that a right picture reads as right: a test.)
+    /// The same, each pair weighed by what all the other groups found: a weight that knew of the same samples would be small where
+    /// they are bright and large where they are dark, so that their noise would count as error. (Of the variance and of the ratios in
+    /// `weights.rs` they are a part still, so little that a right picture reads as right: a test.)
     fn errors(&self, shown: [f64; 3], weights: &Weights, place: usize) -> [f64; 3] {
-        let halves = self.halves();
-        let pairs = (0..GAUGED_PARTS).flat_map(|i| (0..GAUGED_PARTS).map(move |j| [i, j]));
-        std::array::from_fn(|c| {
-            let of_pair = |pair: [usize; 2]| {
-                let parts: [f64; 2] = std::array::from_fn(|half| self.parts[half][pair[half]][c]);
-                let shares = pair.map(|part| self.shares[part]);
-                let product = (shares[0] * shown[c] - parts[0]) * (shares[1] * shown[c] - parts[1]);
-                let share = 1.0 - 0.5 * (shares[0] + shares[1]);
-                // Of a single part there are no others.
-                let others = (share > 1e-6).then(|| Found {
-                    mean: 0.5 * (halves[0][c] - parts[0] + halves[1][c] - parts[1]) / share,
-                    variance: self.variance[c] / share,
-                    samples_share: share,
-                });
-                product * weights.at(place, c).weight(others)
+        let others = (GAUGED_GROUPS - 2) as f64;
+        let share = others / GAUGED_GROUPS as f64;
+        let sums: [f64; 3] = std::array::from_fn(|c| self.sum(c));
+        self.mean_over_pairs(shown, |c, [i, j]| {
+            let found = Found {
+                mean: (sums[c] - self.groups[i][c] - self.groups[j][c]) / others,
+                variance: self.variance[c] / share,
+                samples_share: share,
             };
-            pairs.clone().map(of_pair).sum()
+            weights.at(place, c).weight(Some(found))
         })
     }
 
-    /// Standard deviations of the errors. Of a product of two numbers with the mean e and twice the variance v of their mean:
-    /// 2 e² · 2v + (2v)².
+    fn mean_over_pairs(&self, shown: [f64; 3], weight: impl Fn(usize, [usize; 2]) -> f64) -> [f64; 3] {
+        let (pairs, count) = (self.pairs(), self.pairs().count() as f64);
+        std::array::from_fn(|c| {
+            let off = |group: usize| shown[c] - self.groups[group][c];
+            let of_pair = |[i, j]: [usize; 2]| off(i) * off(j) * weight(c, [i, j]);
+            pairs.clone().map(of_pair).sum::<f64>() / count
+        })
+    }
+
+    /// Standard deviations of the errors. With e the error and v the variance of the mean of all k groups, the mean of the products of
+    /// all pairs has the variance 4 e² v + 2 v² k / (k − 1); of those across halves only, 4 e² v + 4 v².
     fn noises(&self, shown: [f64; 3], weights: &Weights, place: usize) -> [f64; 3] {
         let squared = self.squared_errors(shown);
+        let groups = GAUGED_GROUPS as f64;
+        let pairing = if self.halves { 1.0 } else { 0.5 * groups / (groups - 1.0) };
         std::array::from_fn(|c| {
             let v = self.variance[c];
-            let noise = (4.0 * v * (squared[c].max(0.0) + v)).sqrt();
+            let noise = (4.0 * v * (squared[c].max(0.0) + pairing * v)).sqrt();
             noise * weights.at(place, c).weight(Some(self.found(c)))
         })
     }
@@ -186,23 +203,23 @@ mod tests {
 
     /// The same, with so large a share of samples that are not black.
     fn gauged_by(truth: Rgb, index: usize, seed: u64, samples: u32, lit: f32) -> GaugedPixel {
-        let sample = |half: u64, number: u32| {
-            let [u, v, ..] = PixelSampler::new(2 * seed + half, 0, index as u32, number).four(0);
+        let sample = |group: usize, number: u32| {
+            let [u, v, ..] = PixelSampler::new(8 * seed + group as u64, 0, index as u32, number).four(0);
             let bright = if u < lit { -f64::from(1.0 - v).ln() / f64::from(lit) } else { 0.0 };
             truth.to_array().map(|channel| f64::from(channel) * bright)
         };
-        let mut parts = [[[0.0; 3]; GAUGED_PARTS]; 2];
+        let mut groups = [[0.0; 3]; GAUGED_GROUPS];
         let mut variance = [0.0; 3];
-        let count = f64::from(samples);
-        for number in 0..samples {
-            let both = [sample(0, number), sample(1, number)];
-            let part = number as usize / 4 % GAUGED_PARTS;
+        let (count, in_group) = (f64::from(samples), f64::from(samples / 4));
+        for (first, number) in (0..4).flat_map(|first| (0..samples / 4).map(move |number| (first, number))) {
+            let of_halves = [first, first + 4];
+            let both = of_halves.map(|group| sample(group, number));
             for c in 0..3 {
-                (0..2).for_each(|half| parts[half][part][c] += both[half][c] / count);
+                (0..2).for_each(|half| groups[of_halves[half]][c] += both[half][c] / in_group);
                 variance[c] += (both[0][c] - both[1][c]).powi(2) / (4.0 * count * count);
             }
         }
-        GaugedPixel { index, weight: 1.0, parts, shares: [1.0 / GAUGED_PARTS as f64; GAUGED_PARTS], variance }
+        GaugedPixel { index, weight: 1.0, groups, halves: false, variance }
     }
 
     /// How a picture is measured, often.
@@ -226,7 +243,7 @@ mod tests {
                 gauged(truth[index], index, round, samples as u32)
             };
             let pixels: Vec<GaugedPixel> = (0..count).map(gauge).collect();
-            let error = measure_at(image, size(), &pixels).unwrap();
+            let error = measure_at(image, size(), &pixels, 0.0).unwrap();
             let [low, high] = error.interval_95;
             held += u32::from(low <= expected && expected <= high);
             measured.add(error.rel_mse);
@@ -287,8 +304,8 @@ mod tests {
                 GaugedPixel {
                     index: place * 40,
                     weight: 1.0,
-                    parts: [[[brightness; 3]; GAUGED_PARTS]; 2],
-                    shares: [1.0 / GAUGED_PARTS as f64; GAUGED_PARTS],
+                    groups: [[brightness; 3]; GAUGED_GROUPS],
+                    halves: false,
                     variance: [brightness; 3],
                 }
             };
@@ -296,7 +313,7 @@ mod tests {
             let mut image = truth.clone();
             // One shows nothing either.
             image[0] = Rgb::BLACK;
-            let error = measure_at(&image, size(), &pixels).unwrap();
+            let error = measure_at(&image, size(), &pixels, 0.0).unwrap();
             let [low, high] = error.interval_95;
             assert!(error.rel_mse.is_finite() && low.is_finite() && high.is_finite(), "{lit:?}: {error:?}");
             assert!(error.rel_mse > 0.3, "it may be ten times too bright, for all that is known: {error:?}");
@@ -321,7 +338,7 @@ mod tests {
                 gauged_by(truth[index], index, round, 256, lit)
             };
             let pixels: Vec<GaugedPixel> = (0..512).map(gauge).collect();
-            measured.add(measure_at(&image, size(), &pixels).unwrap().rel_mse);
+            measured.add(measure_at(&image, size(), &pixels, 0.0).unwrap().rel_mse);
         }
         let ratio = (measured.mean() / expected).sqrt();
         assert!((ratio - 1.0).abs() < 0.08, "{ratio} of {}", expected.sqrt());

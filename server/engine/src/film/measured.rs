@@ -5,13 +5,13 @@ use rayon::prelude::*;
 use super::{Film, PictureSize, error::trimmed_mean, pixel::Pixel};
 use crate::math::{
     Rgb,
-    statistics::{cut_normal_mean, cut_normal_quantile},
+    statistics::{cut_normal_quantile, mean_of_squared},
 };
 
 /// Error of the picture shown, estimated without knowing the truth.
 ///
 /// The squared error e² of each pixel is estimated without bias, for noise from two independent halves of a film
-/// (`Pixel::squared_error_of_mean`), for all error from two independent estimates of the truth ([`super::GaugedPixel`]), and
+/// (`Pixel::squared_error_of_mean`), for all error from pairs of independent estimates of the truth ([`super::GaugedPixel`]), and
 /// weighted as in the contract: relMSE ≈ mean over pixels and channels of e² / (m² + 0.01·m̄²), with m in the
 /// place of the unknown reference.
 ///
@@ -102,38 +102,61 @@ pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
     squared.iter().zip(around).map(|(e, m)| e / (m * m + floor)).sum::<f64>() / 3.0
 }
 
+/// What is known of the relative squared errors of pixels beside how they spread.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Beside {
+    /// Standard deviation of their mean by noise of each: what does to either side alike, of the spread that else is a skewed one.
+    pub(super) noise: f64,
+    /// Standard deviation of their mean that they do not show: it widens the interval. Whether the mean is more than chance, and
+    /// where it is cut, is decided without it: it grows with the errors, and a mean that is lifted by what is not known of its
+    /// weights would read too high wherever that is much.
+    pub(super) doubt: f64,
+    /// Their mean is not less, unless they surely say so.
+    pub(super) least: f64,
+}
+
 /// The error of a picture from the relative squared errors of some or all of its pixels.
 ///
-/// Errors are skewed to the right: mean and deviation are taken for those of a lognormal distribution. The mean of estimates
-/// that need not be positive may also be next to nothing, or less, by chance. What is then known is that the error is not
-/// negative: the mean and the quantile of the normal distribution of the mean, cut off at zero, are told.
+/// Errors are skewed to the right: mean and deviation are taken for those of a lognormal distribution, but for what is noise, below the
+/// mean. (As if all was skewed, a mean of 1.5 deviations of noise would have its lower end well above zero: in two-rooms B a
+/// fifth of the intervals lay above the truth.)
 ///
-/// - `doubt`: standard deviation of their mean beside that of the spread over the pixels: it widens the interval. Whether the
-///   mean is more than chance, and where it is cut, is decided without it: it grows with the errors, and a mean that is lifted by
-///   what is not known of its weights would read too high wherever that is much.
-pub(super) fn of_pixels(errors: &[f64], doubt: f64) -> MeasuredError {
+/// The mean of estimates that need not be positive may also be hardly more than the least it can be, or below, by chance. Told are
+/// then the mean of what it may be if before any root of what is above the least was as likely, and the quantile of the
+/// normal distribution cut off there. (If any square was as likely, which expects large errors, two-rooms B read 13 where 5 % are
+/// true.)
+pub(super) fn of_pixels(errors: &[f64], beside: Beside) -> MeasuredError {
+    let Beside { noise, doubt, least } = beside;
     let (mean, standard_error) = mean_and_standard_error(errors);
     let deviation = standard_error.hypot(WEIGHT_DEVIATION * mean);
+    // What was measured may contradict it: it is relative to what is shown, which may be far from the truth.
+    let least = if mean + Z * deviation.hypot(doubt) < least { 0.0 } else { least };
     if deviation.hypot(doubt) <= 0.0 {
-        return MeasuredError { rel_mse: mean.max(0.0), interval_95: [mean.max(0.0); 2], trimmed: None };
+        let mean = mean.max(least);
+        return MeasuredError { rel_mse: mean, interval_95: [mean; 2], trimmed: None };
     }
-    if mean > 0.0 && mean >= RESOLVED * deviation {
+    let above = mean - least;
+    if above > 0.0 && above >= RESOLVED * deviation {
         let bounds = |deviation: f64| {
             let variance = (deviation / mean).powi(2).ln_1p();
             let (median, factor) = (mean * (-variance / 2.0).exp(), (Z * variance.sqrt()).exp());
             [median / factor, median * factor]
         };
-        let [low, _] = bounds(deviation.hypot(doubt));
+        let noise = noise.min(standard_error);
+        let skewed = (deviation * deviation - noise * noise).max(0.0).sqrt();
+        let [low, _] = bounds(skewed.hypot(doubt));
+        let low = mean - (mean - low).hypot(Z * noise);
         // A lognormal distribution of one mean has its quantile fall again as its deviation grows beyond all bounds.
         let [_, high] = bounds(deviation);
         let high = mean + (high - mean).hypot(Z * doubt);
-        return MeasuredError { rel_mse: mean, interval_95: [low, high], trimmed: None };
+        return MeasuredError { rel_mse: mean, interval_95: [low.max(least), high], trimmed: None };
     }
-    // Farther below zero than this no normal distribution comes by chance.
-    let z = if deviation > 0.0 { (mean / deviation).max(-3.0) } else { 0.0 };
-    let [rel_mse, high] = [cut_normal_mean(z), cut_normal_quantile(z, 0.975)].map(|value| value * deviation);
+    // Farther below than this no normal distribution comes by chance.
+    let z = if deviation > 0.0 { (above / deviation).max(-3.0) } else { 0.0 };
+    let [rel_mse, high] =
+        [mean_of_squared(z), cut_normal_quantile(z, 0.975)].map(|value| least + value * deviation);
     let high = rel_mse + (high - rel_mse).hypot(Z * doubt);
-    MeasuredError { rel_mse, interval_95: [0.0, high], trimmed: None }
+    MeasuredError { rel_mse, interval_95: [least, high], trimmed: None }
 }
 
 /// The mean that [`neighbourhood_mean`] has for one pixel.
@@ -217,6 +240,39 @@ fn interval_95(mean: f64, standard_error: f64) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Whatever is measured and known beside it, what is told lies in its interval, and all of it is a number from zero on.
+    #[test]
+    fn what_is_told_lies_in_its_interval() {
+        for mean in [-1.0, -1e-3, 0.0, 1e-6, 0.01, 1.0, 1e9] {
+            for spread in [0.0, 1e-4, 0.1, 10.0] {
+                for (noise, doubt) in [(0.0, 0.0), (1e-3, 0.0), (1e9, 1e-3), (0.0, 1e12)] {
+                    for least in [0.0, 1e-3, 0.02, 5.0] {
+                        let errors: Vec<f64> =
+                            (0..64).map(|i| mean + spread * (f64::from(i % 8) - 3.5)).collect();
+                        let found = of_pixels(&errors, Beside { noise, doubt, least });
+                        let [low, high] = found.interval_95;
+                        let is_ordered = 0.0 <= low && low <= found.rel_mse && found.rel_mse <= high;
+                        assert!(is_ordered, "{mean} ± {spread}, {noise}, {doubt}, {least}: {found:?}");
+                        assert!(high.is_finite());
+                    }
+                }
+            }
+        }
+    }
+
+    /// Noise around the truth has its interval reach down to nothing until it is twice its deviation above; errors that differ from pixel to
+    /// pixel are there from the start. What a picture surely has lifts what is told, unless it was measured to be wrong.
+    #[test]
+    fn noise_and_errors_are_told_apart() {
+        let errors: Vec<f64> = (0..64).map(|i| 1.5 + 8.0 * f64::from(2 * (i % 2) - 1)).collect();
+        let of = |noise: f64, least: f64| of_pixels(&errors, Beside { noise, least, doubt: 0.0 });
+        assert_eq!(of(10.0, 0.0).interval_95[0], 0.0);
+        assert!(of(0.0, 0.0).interval_95[0] > 0.2);
+        let lifted = of(10.0, 1.2);
+        assert!(lifted.interval_95[0] == 1.2 && lifted.rel_mse > 1.2);
+        assert_eq!(of(10.0, 9.0), of(10.0, 0.0));
+    }
 
     /// The fast mean is the plain one, borders and single pixels included.
     #[test]

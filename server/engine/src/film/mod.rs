@@ -22,7 +22,7 @@ use crate::transport::PathClass;
 use glam::Vec3;
 
 pub use error::{CompareError, ImageError, compare};
-pub use gauged::{GAUGED_PARTS, GaugedPixel, measure_at, wants_more_pixels};
+pub use gauged::{GAUGED_GROUPS, GaugedPixel, measure_at, wants_more_pixels};
 pub use measured::{BLACK_PASSES, MeasuredError};
 pub use picture::Picture;
 pub use pixel::PixelSample;
@@ -213,8 +213,8 @@ impl Film {
 
     /// The noise of what was sampled since the light that comes by way of other surfaces was last replaced, as relMSE, and
     /// over how many passes; `None` below two.
-    pub fn noise(&self) -> Option<(f64, u32)> {
-        Some((measured::measure(self)?.rel_mse, self.halves_passes_min()))
+    pub fn noise(&self) -> Option<(MeasuredError, u32)> {
+        Some((measured::measure(self)?, self.halves_passes_min()))
     }
 
     fn halves_passes_min(&self) -> u32 {

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::{
     Film, MeasuredError, PictureSize, TILE_SIDE,
-    measured::{neighbourhood_mean, of_pixels, relative},
+    measured::{Beside, neighbourhood_mean, of_pixels, relative},
     pixel::Pixel,
 };
 use crate::{math::Rgb, transport::PathClass};
@@ -173,13 +173,13 @@ impl<'a> Blend<'a> {
         // The film's own.
         let mut errors: Vec<f64> =
             differences.iter().zip(&noises).map(|(both, noise)| both - noise).collect();
-        let measured_film = Some(of_pixels(&errors, 0.0));
+        let measured_film = Some(of_pixels(&errors, Beside::default()));
         weights.for_all(size, &mut errors, |index, weight, error| {
             *error = (1.0 - weight).powi(2) * *error + weight.powi(2) * noises[index];
         });
         // What it has not met yet its noise does not know of.
         let is_believed = traced.passes_min() >= PASSES_BELIEVED;
-        let measured = is_believed.then(|| of_pixels(&errors, 0.0));
+        let measured = is_believed.then(|| of_pixels(&errors, Beside::default()));
         Some(Blend { traced, weights, measured, measured_film: measured_film.filter(|_| is_believed) })
     }
 }
@@ -268,7 +268,7 @@ fn between(pixel: usize, count: usize) -> (usize, usize, f64) {
 mod tests {
     use super::*;
     use crate::{
-        film::{GAUGED_PARTS, GaugedPixel, PixelSample, measure_at},
+        film::{GAUGED_GROUPS, GaugedPixel, PixelSample, measure_at},
         math::{RunningStatistics, sobol::PixelSampler},
     };
 
@@ -363,7 +363,7 @@ mod tests {
         let mut measured = RunningStatistics::default();
         let image = vec![Rgb::splat(1.1); size.pixel_count()];
         let estimate = |seed: u64, pixel: u32| {
-            PixelSampler::new(seed, 0, pixel, 7).four(0).map(|u| [0.25 * f64::from(2.0 * u); 3])
+            PixelSampler::new(seed, 0, pixel, 7).four(0).map(|u| [f64::from(2.0 * u); 3])
         };
         let mut held = 0;
         for round in 0..200u64 {
@@ -375,11 +375,11 @@ mod tests {
                     variance: [1.0 / 24.0; 3],
                     index: 3 * pixel as usize,
                     weight: if pixel % 2 == 0 { 0.5 } else { 1.5 },
-                    parts: [2 * round, 2 * round + 1].map(|seed| estimate(seed, pixel)),
-                    shares: [0.25; GAUGED_PARTS],
+                    groups: groups([2 * round, 2 * round + 1].map(|seed| estimate(seed, pixel))),
+                    halves: false,
                 })
                 .collect();
-            let error = measure_at(&image, size, &pixels).unwrap();
+            let error = measure_at(&image, size, &pixels, 0.0).unwrap();
             let [low, high] = error.interval_95;
             held += u32::from(low <= TRUTH && TRUTH <= high);
             assert!(error.rel_mse >= 0.0 && error.trimmed.is_none());
@@ -390,7 +390,11 @@ mod tests {
         assert!((measured.mean() - TRUTH).abs() < 4.0 * measured.standard_error() + 0.03 * TRUTH);
         // 95 % of 200, less three deviations of a binomial.
         assert!(held >= 180, "{held}");
-        assert!(measure_at(&image, size, &[]).is_none());
+        assert!(measure_at(&image, size, &[], 0.0).is_none());
+    }
+
+    fn groups(halves: [[[f64; 3]; 4]; 2]) -> [[f64; 3]; GAUGED_GROUPS] {
+        std::array::from_fn(|group| halves[group / 4][group % 4])
     }
 
     /// A picture of which a half is drawn twenty times too bright is measured by how dark that half is, not by how bright it is
@@ -405,14 +409,14 @@ mod tests {
             let of = |index: usize| {
                 let half = |seed: u64| {
                     let numbers = PixelSampler::new(seed, 0, index as u32, 7).four(0);
-                    numbers.map(|u| [0.25 * truth(index) * f64::from(0.8 + 0.4 * u); 3])
+                    numbers.map(|u| [truth(index) * f64::from(0.8 + 0.4 * u); 3])
                 };
                 let variance = [truth(index).powi(2) * 0.04 / 24.0; 3];
-                let parts = [half(2 * round), half(2 * round + 1)];
-                GaugedPixel { index, weight: 1.0, parts, shares: [0.25; GAUGED_PARTS], variance }
+                let groups = groups([half(2 * round), half(2 * round + 1)]);
+                GaugedPixel { index, weight: 1.0, groups, halves: false, variance }
             };
             let pixels: Vec<GaugedPixel> = (0..256).map(|at| of((at * 12) % size.pixel_count())).collect();
-            measured.add(measure_at(&image, size, &pixels).unwrap().rel_mse);
+            measured.add(measure_at(&image, size, &pixels, 0.0).unwrap().rel_mse);
         }
         let mean = 0.5 * (1.0 + 0.05);
         let expected = 0.5 * 0.95f64.powi(2) / (0.05f64.powi(2) + 0.01 * mean * mean);

@@ -403,9 +403,9 @@ fn noise_is_that_of_the_passes_since_light_was_replaced() {
             let sample = |x, y, p| indirect(Noise::Uniform.sample(uniform(seed, x, y, p)));
             (0..since).for_each(|_| pass(&mut film, sample));
             assert_eq!(film.measured_error(), None);
-            let (rel_mse, passes) = film.noise().unwrap();
+            let (found, passes) = film.noise().unwrap();
             assert_eq!(passes, since);
-            noise.add(rel_mse);
+            noise.add(found.rel_mse);
         }
         // 1 / (1 + 0.01) for the floor; the weights are noisy at so few passes: up to a tenth.
         let expected = Noise::Uniform.variance() / f64::from(since) / 1.01;

@@ -3,13 +3,14 @@
 use std::sync::atomic::AtomicBool;
 
 use super::{
-    Indirect, Remaining, Rendering,
+    Indirect, Remaining, RenderSettings, Rendering, all_paths,
     chain::{Measuring, Outlook, Spent},
     forecast::{self, Way},
+    hidden::{HiddenFor, HiddenHalves, HiddenLight},
 };
 use crate::{
     film::{MeasuredError, Picture},
-    technique::Progress,
+    technique::{Progress, path::PathSettings},
 };
 
 /// An error that is measured this many times that asked for may in truth be that already, where it is known badly.
@@ -25,6 +26,23 @@ impl Rendering {
     /// Takes some tenths of a microsecond a pixel: ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
         self.measured_error_of(&self.picture())
+    }
+
+    /// The error of the picture as it would have been measured with other random numbers, at pixels and by as many rays as it was; `None`
+    /// where its light is not looked up, and while it is unknown. Its pixels are drawn by what the picture now shows, where those before were
+    /// drawn by what it showed then, and a path-traced film beside it has no say. For finding out how far such measures can be trusted.
+    ///
+    /// - `seed`: other than that of the picture
+    pub fn measured_afresh(&self, seed: u64) -> Option<MeasuredError> {
+        let measuring = self.measuring.as_ref()?;
+        let settings = PathSettings { seed, ..all_paths(&self.settings) };
+        let hidden = measuring.hidden.as_ref().map(|_| {
+            let settings = RenderSettings { seed, ..self.settings };
+            HiddenHalves::new(HiddenLight::new(&settings, self.size(), HiddenFor::Measure))
+        });
+        let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
+        afresh.repeat(measuring, (&self.world, &self.view), &self.film);
+        afresh.error_of(&self.picture(), &self.film)
     }
 
     /// The same, of what [`Rendering::picture`] returned.

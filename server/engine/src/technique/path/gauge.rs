@@ -1,7 +1,7 @@
 //! What path tracing says of a few pixels of a view, with many samples each: a measure of any picture of it.
 //!
-//! Pixels are taken in sets, each spread over the picture and drawn more often where error is expected, and traced twice
-//! with numbers of their own, so that the two means are independent of each other and of every film.
+//! Pixels are taken in sets, each spread over the picture and drawn more often where error is expected, and traced in
+//! groups of samples with numbers of their own, so that their means are independent of each other and of every film.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -12,7 +12,7 @@ use super::{
     cpu::{Near, primary_ray},
 };
 use crate::{
-    film::{GAUGED_PARTS, GaugedPixel, PictureSize, PixelSample},
+    film::{GAUGED_GROUPS, GaugedPixel, PictureSize, PixelSample},
     math::sobol::{self, PixelSampler},
     transport::World,
 };
@@ -23,8 +23,8 @@ const SET_PIXELS: u32 = 64;
 const SET_POINTS_MAX: u32 = 2 * SET_PIXELS;
 /// Samples that one step adds to either half of each pixel of a set.
 const STEP_SAMPLES: u32 = 8;
-/// Samples that go to one part of a half before the next has its turn: a run of a power of two is spread evenly.
-const RUN_SAMPLES: u32 = 4;
+/// Groups of a half.
+const HALF_GROUPS: u32 = GAUGED_GROUPS as u32 / 2;
 /// Sets of a gauge at most: 16,384 pixels.
 const SETS_MAX: usize = 256;
 /// A set counts beside the first once it has this share of its samples.
@@ -58,6 +58,8 @@ struct Set {
     points: Vec<Point>,
     /// Samples of either half.
     samples: u32,
+    /// Its halves were traced with hidden light of their own.
+    halves: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -66,8 +68,8 @@ struct Point {
     y: u32,
     /// Pixels that it stands for, over those that each would stand for if all stood for as many.
     weight: f64,
-    /// Σ of the samples of either half, by parts.
-    parts: [[[f64; 3]; GAUGED_PARTS]; 2],
+    /// Σ of the samples of each group; the first half of them are those of one half.
+    groups: [[f64; 3]; GAUGED_GROUPS],
     /// Σ (a − b)² / 2 over pairs of samples, one of either half: each expects the variance of a sample.
     spread: [f64; 3],
 }
@@ -119,14 +121,15 @@ impl Gauge {
         });
         let width = self.size.width();
         let set = &mut self.sets[index];
-        let numbers = set.samples..set.samples + STEP_SAMPLES;
+        set.halves |= hidden.iter().any(Option::is_some);
+        let numbers = set.samples / HALF_GROUPS..(set.samples + STEP_SAMPLES) / HALF_GROUPS;
         let first = index as u32 * SET_POINTS_MAX;
         let trace = |(place, point): (usize, &mut Point)| {
             // A pixel that is drawn again, in this set or another, is traced with other numbers.
-            let sequence = 2 * (first + place as u32);
+            let sequence = GAUGED_GROUPS as u32 * (first + place as u32);
             let mut counts = Counts::default();
             numbers.clone().for_each(|number| {
-                point.add(&tracers, (view, width), [sequence, sequence + 1], number, &mut counts);
+                point.add(&tracers, (view, width), sequence, number, &mut counts);
             });
             counts
         };
@@ -151,8 +154,7 @@ impl Gauge {
 
     /// No sample of any pixel brought light.
     pub fn is_black(&self) -> bool {
-        let is_black =
-            |point: &Point| point.parts.as_flattened().as_flattened().iter().all(|sum| *sum == 0.0);
+        let is_black = |point: &Point| point.groups.as_flattened().iter().all(|sum| *sum == 0.0);
         self.sets.iter().flat_map(|set| &set.points).all(is_black)
     }
 
@@ -184,15 +186,12 @@ impl Gauge {
     pub fn pixels_since(&self, first: usize) -> Vec<GaugedPixel> {
         let width = self.size.width();
         let of_set = |set: &Set| {
-            let count = f64::from(set.samples);
-            let shares = std::array::from_fn(|part| {
-                (0..set.samples).filter(|number| part_of(*number) == part).count() as f64 / count
-            });
+            let (count, in_group) = (f64::from(set.samples), f64::from(set.samples / HALF_GROUPS));
             let of_point = move |point: &Point| GaugedPixel {
                 index: (point.y * width + point.x) as usize,
                 weight: point.weight,
-                parts: point.parts.map(|half| half.map(|part| part.map(|sum| sum / count))),
-                shares,
+                groups: point.groups.map(|group| group.map(|sum| sum / in_group)),
+                halves: set.halves,
                 variance: point.spread.map(|sum| sum / count / (2.0 * count)),
             };
             set.points.iter().map(of_point).collect::<Vec<_>>()
@@ -205,7 +204,7 @@ impl Gauge {
         let points =
             || self.sets.iter().flat_map(|set| set.points.iter().map(move |point| (set.samples, point)));
         let mean_of = |(samples, point): (u32, &Point)| -> [f64; 3] {
-            let sum = |c: usize| point.parts.as_flattened().iter().map(|part| part[c]).sum::<f64>();
+            let sum = |c: usize| point.groups.iter().map(|group| group[c]).sum::<f64>();
             std::array::from_fn(|c| sum(c) / (2.0 * f64::from(samples)))
         };
         let weights = points().map(|(_, point)| point.weight).sum::<f64>();
@@ -223,11 +222,6 @@ impl Gauge {
         let variance = points().map(of_point).sum::<f64>() / weights;
         Some(SampleCost { rays: self.rays as f64 / self.samples.max(1) as f64, variance })
     }
-}
-
-/// The part of its half that sample `number` belongs to.
-fn part_of(number: u32) -> usize {
-    (number / RUN_SAMPLES) as usize % GAUGED_PARTS
 }
 
 impl Set {
@@ -269,7 +263,7 @@ impl Set {
         while (points.len() as f64) < count {
             points.push(Point::new(last, chance(last.0, last.1) * pixel_count));
         }
-        Set { points, samples: 0 }
+        Set { points, samples: 0, halves: false }
     }
 }
 
@@ -291,15 +285,18 @@ fn walk(size: PictureSize, columns: u32, rows: u32) -> impl Iterator<Item = (u32
 impl Point {
     /// - `chance`: of it to be drawn, over that if all had the same
     fn new((x, y): (u32, u32), chance: f64) -> Point {
-        Point { x, y, weight: 1.0 / chance, parts: [[[0.0; 3]; GAUGED_PARTS]; 2], spread: [0.0; 3] }
+        Point { x, y, weight: 1.0 / chance, groups: [[0.0; 3]; GAUGED_GROUPS], spread: [0.0; 3] }
     }
 
-    /// One sample to either half.
+    /// One sample to each group.
+    ///
+    /// - `tracers`: for either half
+    /// - `sequence`: of the first group's numbers; those of the others follow
     fn add(
         &mut self,
         tracers: &[Tracer<'_>; 2],
         (view, width): (&View, u32),
-        sequences: [u32; 2],
+        sequence: u32,
         number: u32,
         counts: &mut Counts,
     ) {
@@ -312,13 +309,15 @@ impl Point {
             let sample = if sample.is_sound() { sample } else { PixelSample::BLACK };
             sample.total().to_array().map(f64::from)
         };
-        let [a, b]: [[f64; 3]; 2] = [0, 1].map(|half| sample(&tracers[half], sequences[half]));
-        let part = part_of(number);
-        for (half, sample) in self.parts.iter_mut().zip([a, b]) {
-            half[part].iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
+        for group in 0..HALF_GROUPS {
+            let of_halves = [group, group + HALF_GROUPS];
+            let [a, b]: [[f64; 3]; 2] = [0, 1].map(|half| sample(&tracers[half], sequence + of_halves[half]));
+            for (group, sample) in of_halves.into_iter().zip([a, b]) {
+                self.groups[group as usize].iter_mut().zip(sample).for_each(|(sum, value)| *sum += value);
+            }
+            let pairs = a.into_iter().zip(b);
+            self.spread.iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += (a - b).powi(2) / 2.0);
         }
-        let pairs = a.into_iter().zip(b);
-        self.spread.iter_mut().zip(pairs).for_each(|(sum, (a, b))| *sum += (a - b).powi(2) / 2.0);
     }
 }
 
@@ -378,7 +377,7 @@ mod tests {
         });
         let pixels = gauge.pixels();
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));
-        assert!(pixels.windows(2).all(|pair| pair[0].parts != pair[1].parts));
+        assert!(pixels.windows(2).all(|pair| pair[0].groups != pair[1].groups));
         assert!(gauge.cost().unwrap().variance > 0.0);
     }
 }
