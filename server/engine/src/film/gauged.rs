@@ -138,6 +138,9 @@ impl GaugedPixel {
         })
     }
 
+    /// Mean of (d − x₁)(d − x₂), weighed, over the pairs, by channel.
+    ///
+    /// - `weight`: of a channel and a pair
     fn mean_over_pairs(&self, shown: [f64; 3], weight: impl Fn(usize, [usize; 2]) -> f64) -> [f64; 3] {
         let (pairs, count) = (self.pairs(), self.pairs().count() as f64);
         std::array::from_fn(|c| {
@@ -292,6 +295,44 @@ mod tests {
             let allowed = 0.01 + 3.0 * found.standard_error();
             assert!(found.mean().abs() < allowed, "{samples}: {} for {allowed}", found.mean());
         }
+    }
+
+    /// What the groups of a half have in common, as a map of photons that both looked into, is no error where it is told of, and is one
+    /// where it is not. The right picture's errors then scatter as their noises say.
+    #[test]
+    fn what_halves_have_in_common_is_no_error() {
+        let image = vec![Rgb::splat(1.0); size().pixel_count()];
+        let [mut across, mut all] = [RunningStatistics::default(); 2];
+        let mut scatter = RunningStatistics::default();
+        for round in 0..200u64 {
+            let gauge = |place: usize, halves: bool| {
+                let half = |half: u64| {
+                    let [u, ..] = PixelSampler::new(2 * round + half, 2, place as u32, 0).four(0);
+                    0.8 + 0.4 * f64::from(u)
+                };
+                let common = [half(0), half(1)];
+                let groups = std::array::from_fn(|group| [common[2 * group / GAUGED_GROUPS]; 3]);
+                // Of the mean of two numbers from 0.8 to 1.2.
+                let variance = [0.4 * 0.4 / 24.0; 3];
+                GaugedPixel { index: place * 12, weight: 1.0, groups, halves, variance }
+            };
+            for (halves, found) in [(true, &mut across), (false, &mut all)] {
+                let pixels: Vec<GaugedPixel> = (0..256).map(|place| gauge(place, halves)).collect();
+                let AtPixels { errors, noises, .. } = AtPixels::of(&image, size(), &pixels).unwrap();
+                found.add(errors.iter().sum::<f64>() / 256.0);
+                if halves {
+                    let spread = errors.iter().map(|error| error * error).sum::<f64>();
+                    scatter.add(spread / noises.iter().sum::<f64>());
+                }
+            }
+        }
+        // Of either half, a twelfth of 0.4²: three of seven pairs lie within one.
+        let common = 3.0 / 7.0 * 0.4 * 0.4 / 12.0;
+        assert!(across.mean().abs() < 0.02 * common + 3.0 * across.standard_error(), "{}", across.mean());
+        assert!((all.mean() / common - 1.0).abs() < 0.1, "{} for {common}", all.mean());
+        // The square of what was found stands for the error's own, and is taken for none where negative: up to a quarter and a half too
+        // much noise.
+        assert!((0.5..1.1).contains(&scatter.mean()), "{}", scatter.mean());
     }
 
     /// Where samples found no light at all, or at one pixel alone, what is measured is a number, and so is its interval.

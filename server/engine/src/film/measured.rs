@@ -105,13 +105,13 @@ pub(super) fn relative(squared: [f64; 3], around: [f64; 3], mean: f64) -> f64 {
 /// What is known of the relative squared errors of pixels beside how they spread.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Beside {
-    /// Standard deviation of their mean by noise of each: what does to either side alike, of the spread that else is a skewed one.
+    /// Standard deviation of their mean by noise of each, which lifts and lowers it alike: a part of how they spread.
     pub(super) noise: f64,
     /// Standard deviation of their mean that they do not show: it widens the interval. Whether the mean is more than chance, and
     /// where it is cut, is decided without it: it grows with the errors, and a mean that is lifted by what is not known of its
     /// weights would read too high wherever that is much.
     pub(super) doubt: f64,
-    /// Their mean is not less, unless they surely say so.
+    /// Their mean is at least this, unless they surely say less.
     pub(super) least: f64,
 }
 
@@ -132,8 +132,8 @@ pub(super) fn of_pixels(errors: &[f64], beside: Beside) -> MeasuredError {
     // What was measured may contradict it: it is relative to what is shown, which may be far from the truth.
     let least = if mean + Z * deviation.hypot(doubt) < least { 0.0 } else { least };
     if deviation.hypot(doubt) <= 0.0 {
-        let mean = mean.max(least);
-        return MeasuredError { rel_mse: mean, interval_95: [mean; 2], trimmed: None };
+        // All are zero.
+        return MeasuredError { rel_mse: 0.0, interval_95: [0.0; 2], trimmed: None };
     }
     let above = mean - least;
     if above > 0.0 && above >= RESOLVED * deviation {
@@ -261,8 +261,8 @@ mod tests {
         }
     }
 
-    /// Noise around the truth has its interval reach down to nothing until it is twice its deviation above; errors that differ from pixel to
-    /// pixel are there from the start. What a picture surely has lifts what is told, unless it was measured to be wrong.
+    /// The interval of a mean that may be noise reaches down to nothing; that of as large a mean of errors that differ from pixel to
+    /// pixel does not. What a picture surely has lifts what is told, unless it was measured to be wrong.
     #[test]
     fn noise_and_errors_are_told_apart() {
         let errors: Vec<f64> = (0..64).map(|i| 1.5 + 8.0 * f64::from(2 * (i % 2) - 1)).collect();
@@ -272,6 +272,8 @@ mod tests {
         let lifted = of(10.0, 1.2);
         assert!(lifted.interval_95[0] == 1.2 && lifted.rel_mse > 1.2);
         assert_eq!(of(10.0, 9.0), of(10.0, 0.0));
+        // No error at any pixel is told as that, which callers take for knowing nothing.
+        assert_eq!(of_pixels(&[0.0; 64], Beside { least: 1.0, ..Beside::default() }).interval_95, [0.0; 2]);
     }
 
     /// The fast mean is the plain one, borders and single pixels included.

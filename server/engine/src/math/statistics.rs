@@ -46,8 +46,8 @@ fn normal_cdf(x: f64) -> f64 {
     if x < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Mean of a number x ≥ 0 that was measured as `z`, −3 to 3, with a deviation of 1, and of which nothing was known before but that any
-/// value of its root is as likely as any other: of (x/1)^−½ · N(x; z, 1). Numerically, right to 10⁻⁴.
+/// Mean of a number x ≥ 0 that was measured as `z`, −3 to 3, with a normal error of deviation 1, and of which nothing was known before
+/// but that any value of its root is as likely as any other: its density is x^−½ exp(−(x − z)² / 2), scaled. Right to 10⁻⁴.
 pub fn mean_of_squared(z: f64) -> f64 {
     const STEPS: u32 = 256;
     // By the root t the density is that of the normal distribution at t² alone; beyond 3 nothing is left of it.

@@ -28,6 +28,13 @@ impl Rendering {
         self.measured_error_of(&self.picture())
     }
 
+    /// The same, of what [`Rendering::picture`] returned.
+    pub fn measured_error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
+        let Some(measuring) = &self.measuring else { return self.film.measured_error() };
+        let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
+        by_either.into_iter().flatten().reduce(MeasuredError::surer)
+    }
+
     /// The error of the picture as it would have been measured with other random numbers, at pixels and by as many rays as it was; `None`
     /// where its light is not looked up, and while it is unknown. Its pixels are drawn by what the picture now shows, where those before were
     /// drawn by what it showed then, and a path-traced film beside it has no say. For finding out how far such measures can be trusted.
@@ -43,13 +50,6 @@ impl Rendering {
         let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
         afresh.repeat(measuring, (&self.world, &self.view), &self.film);
         afresh.error_of(&self.picture(), &self.film)
-    }
-
-    /// The same, of what [`Rendering::picture`] returned.
-    pub fn measured_error_of(&self, picture: &Picture<'_>) -> Option<MeasuredError> {
-        let Some(measuring) = &self.measuring else { return self.film.measured_error() };
-        let by_either = [measuring.error_of(picture, &self.film), picture.measured_error()];
-        by_either.into_iter().flatten().reduce(MeasuredError::surer)
     }
 
     /// What is left to do until the picture has an error (√relMSE); `None` where that cannot be told.
