@@ -195,8 +195,8 @@ impl IrradianceCaching {
         self.settings.weighing.accuracy = accuracy;
         let rougher = self.as_far_as_ever();
         let settings = self.settings.rougher(ROUNDS[self.round]);
-        self.relit = self.relit.take().map(|relit| self.weighed(&relit, settings, 1.0));
-        self.cache = self.weighed(&self.cache, settings, 1.0);
+        self.relit = self.relit.take().map(|relit| self.weighed(&relit, settings));
+        self.cache = self.weighed(&self.cache, settings);
         self.cache.rougher = Some(Arc::new(rougher));
         self.begin_walks();
     }
@@ -210,16 +210,14 @@ impl IrradianceCaching {
             settings.weighing.accuracy = settings.weighing.accuracy.max(behind.settings.weighing.accuracy);
             settings.pixels_min = settings.pixels_min.max(behind.settings.pixels_min);
         }
-        self.weighed(&self.cache, settings, settings.pixels_min / self.cache.settings.pixels_min)
+        self.weighed(&self.cache, settings)
     }
 
     /// The records of a cache as they count by other settings.
-    ///
-    /// - `pixels`: over how many times as many pixels
-    fn weighed(&self, of: &IrradianceCache, settings: IrradianceSettings, pixels: f32) -> IrradianceCache {
+    fn weighed(&self, of: &IrradianceCache, settings: IrradianceSettings) -> IrradianceCache {
         let mut cache = IrradianceCache::new(settings, self.base.clone());
         for (record, place) in of.records.iter().zip(&self.places) {
-            let reach_min_m = record.reach_min_m * pixels;
+            let reach_min_m = settings.reach_min_m(place.seen.pixel_m);
             cache.insert(Record { radius_m: place.radius_m, reach_min_m, ..*record });
         }
         cache
@@ -307,9 +305,7 @@ impl IrradianceCaching {
             record
         };
         let mut cache = IrradianceCache::new(self.cache.settings, None);
-        for (place, record) in self.places.iter().zip(&self.cache.records) {
-            cache.insert(Record { reach_min_m: record.reach_min_m, ..afresh(place) });
-        }
+        self.places.iter().for_each(|place| cache.insert(afresh(place)));
         cache
     }
 
@@ -446,9 +442,9 @@ impl IrradianceCaching {
         let settings = self.settings.rougher(ROUNDS[self.round]);
         let finer = IrradianceCache::new(settings, self.base.clone());
         let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
-        let pixels = self.cache.settings.pixels_min / rougher.settings.pixels_min;
-        for record in &rougher.records {
-            self.cache.insert(Record { reach_min_m: record.reach_min_m * pixels, ..*record });
+        for (record, place) in rougher.records.iter().zip(&self.places) {
+            let reach_min_m = settings.reach_min_m(place.seen.pixel_m);
+            self.cache.insert(Record { reach_min_m, ..*record });
         }
         self.cache.rougher = Some(rougher);
         self.begin_walks();
@@ -516,7 +512,7 @@ impl IrradianceCaching {
         for (index, Gathered { record, sight }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
             (place.sight, place.radius_m, place.visits) = (sight, record.radius_m, 1);
-            relit.insert(Record { reach_min_m: self.cache.records[index].reach_min_m, ..record });
+            relit.insert(record);
         }
         if end < self.places.len() {
             self.relit = Some(relit);

@@ -11,7 +11,13 @@ use std::{ops::Range, sync::atomic::AtomicBool};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::{IrradianceSettings, record::Gradient, sight::Sight, walk::Seen};
+use super::{
+    IrradianceSettings,
+    horizon::{Horizon, LowHits},
+    record::Gradient,
+    sight::Sight,
+    walk::Seen,
+};
 use crate::{
     accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
@@ -39,6 +45,8 @@ pub(super) struct Hemisphere {
     before_share: f32,
     /// How far all of them went.
     sight: Sight,
+    /// What the lowest of them met.
+    horizon: Horizon,
 }
 
 /// Samples of one half, cell by cell.
@@ -73,7 +81,7 @@ impl Half {
 struct Gathering<'a> {
     point: &'a SurfacePoint,
     /// Of the triangle, on the side that receives.
-    n_geo: Vec3,
+    plane: Frame,
     frame: Frame,
     rings: usize,
     sectors: usize,
@@ -85,6 +93,7 @@ struct Gathering<'a> {
     /// Of those, the ones that set out before the triangle.
     before_count: u32,
     sight: Sight,
+    low_hits: LowHits,
     halves: [Half; 2],
     /// Cells that the next rays of each half go through, which may be named more than once.
     due: [Vec<usize>; 2],
@@ -101,7 +110,7 @@ impl<'a> Gathering<'a> {
         let cells: Vec<usize> = (0..rings * sectors).collect();
         Gathering {
             point,
-            n_geo: facing.n_geo,
+            plane: Frame::around(facing.n_geo),
             frame: Frame::around(facing.normal),
             rings,
             sectors,
@@ -110,6 +119,7 @@ impl<'a> Gathering<'a> {
             sent: 0,
             before_count: 0,
             sight: Sight::NONE,
+            low_hits: LowHits::NONE,
             halves: [Half::of(cells.len()), Half::of(cells.len())],
             due: [cells.clone(), cells],
         }
@@ -144,10 +154,11 @@ impl<'a> Gathering<'a> {
                 self.sight.add(self.frame.to_local(ray.direction), arrived.distance_m);
                 // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
                 // triangle beside from within at no distance, says nothing of how light changes along the surface.
-                let is_before = ray.direction.dot(self.n_geo) > 0.0;
+                let is_before = ray.direction.dot(self.plane.n) > 0.0;
                 let distance_m = arrived.distance_m.filter(|_| is_before);
                 let nearness = distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
                 self.before_count += u32::from(is_before);
+                self.low_hits.add(self.plane.to_local(ray.direction), arrived.distance_m);
                 half.add(cell, if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness);
             }
         }
@@ -179,6 +190,7 @@ impl<'a> Gathering<'a> {
             nearness: nearness.collect(),
             before_share: self.before_count as f32 / self.sent as f32,
             sight: self.sight,
+            horizon: self.low_hits.horizon(),
         }
     }
 
@@ -281,6 +293,10 @@ impl Hemisphere {
 
     pub(super) fn sight(&self) -> Sight {
         self.sight
+    }
+
+    pub(super) fn horizon(&self) -> Horizon {
+        self.horizon
     }
 
     pub(super) fn irradiance(&self) -> Rgb {

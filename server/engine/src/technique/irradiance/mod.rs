@@ -10,6 +10,7 @@
 
 mod caching;
 mod hemisphere;
+mod horizon;
 mod index;
 mod record;
 mod sight;
@@ -67,6 +68,8 @@ pub struct IrradianceSettings {
 /// Rougher records reach over so many times as many pixels at most, however much farther they count by what they see: over
 /// more, what is small is smoothed away (the dragon at 2 s: 6.0 % with four times, 5.2 % with two).
 const PIXELS_GROWTH_MAX: f32 = 2.0;
+/// What was first seen from far is covered no more for who looks at it from so many times nearer.
+const PIXELS_COARSER_MAX: f32 = 2.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
@@ -94,6 +97,13 @@ impl IrradianceSettings {
         let accuracy = self.weighing.accuracy * by;
         let pixels_min = self.pixels_min * by.min(PIXELS_GROWTH_MAX);
         IrradianceSettings { weighing: Weighing { accuracy, ..self.weighing }, pixels_min, ..self }
+    }
+
+    /// How far a record counts at least, m.
+    ///
+    /// - `pixel_m`: width of a pixel where it is seen
+    fn reach_min_m(&self, pixel_m: f32) -> f32 {
+        self.pixels_min * pixel_m
     }
 
     /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992], with four rays each at most in the mean.
@@ -139,6 +149,21 @@ impl IrradianceCache {
         self.irradiance(p, facing).or_else(|| self.rougher.as_ref()?.any_irradiance(p, facing))
     }
 
+    /// Records count at a point and are fine enough for who looks at it from where a pixel is so wide there, m; or one is so near that
+    /// another beside it would show in less than a pixel: else the leaves of a tree would each ask for their own.
+    fn covers(&self, p: Vec3, facing: &Facing, pixel_m: f32) -> bool {
+        let weighing = &self.settings.weighing;
+        let widest_m = PIXELS_COARSER_MAX * self.settings.reach_min_m(pixel_m);
+        self.index.around(p).any(|place| {
+            let record = &self.records[place as usize];
+            let reach_min_m = record.reach_min_m.min(widest_m);
+            let record = Record { reach_min_m, ..*record };
+            let is_near = || record.position.distance_squared(p) < pixel_m * pixel_m;
+            let counts_if_near = record.weight_through_walls(p, facing, weighing) > 0.0 && is_near();
+            counts_if_near || record.weight(p, facing, weighing) > 0.0
+        })
+    }
+
     /// The records, oldest first.
     pub fn records(&self) -> &[Record] {
         &self.records
@@ -146,12 +171,27 @@ impl IrradianceCache {
 
     /// Irradiance at a point [eq. 8.1], W/m²; `None` where no record counts.
     pub fn irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
+        self.weighed_irradiance(p, facing, Record::weight)
+    }
+
+    /// Irradiance where nothing else is known: what counts but for walls, these records or rougher ones.
+    fn irradiance_through_walls(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
+        self.weighed_irradiance(p, facing, Record::weight_through_walls)
+            .or_else(|| self.rougher.as_ref()?.irradiance_through_walls(p, facing))
+    }
+
+    fn weighed_irradiance(
+        &self,
+        p: Vec3,
+        facing: &Facing,
+        weight: impl Fn(&Record, Vec3, &Facing, &Weighing) -> f32,
+    ) -> Option<Rgb> {
         let weighing = &self.settings.weighing;
         let mut sum = Rgb::BLACK;
         let mut weights = 0.0;
         for place in self.index.around(p) {
             let record = &self.records[place as usize];
-            let weight = record.weight(p, facing, weighing);
+            let weight = weight(record, p, facing, weighing);
             if weight > 0.0 {
                 sum += record.irradiance_at(p, facing.normal, weighing) * weight;
                 weights += weight;
@@ -160,29 +200,23 @@ impl IrradianceCache {
         (weights > 0.0).then(|| sum * (1.0 / weights))
     }
 
-    /// Takes a record in, and clamps its radius and those of its neighbours to each other.
+    /// Takes a record in, and clamps how far it and its neighbours count to each other.
     pub fn insert(&mut self, mut record: Record) {
         if self.settings.clamps_neighbours {
-            let near: Vec<u32> = self.index.around(record.position).collect();
             let accuracy = self.settings.weighing.accuracy;
-            let away = |other: &Record| other.position.distance(record.position);
+            let is_beside = |other: &Record| other.normal.dot(record.normal) > 0.0;
+            let near = self.index.around(record.position);
+            let near: Vec<u32> = near.filter(|place| is_beside(&self.records[*place as usize])).collect();
             for place in &near {
-                let other = &self.records[*place as usize];
-                if other.normal.dot(record.normal) > 0.0 {
-                    record.radius_m = record.radius_m.min(other.reach_m(accuracy) / accuracy + away(other));
-                }
+                record.clamp_to(&self.records[*place as usize], accuracy);
             }
             for place in near {
+                // Its entries in the index reach as far as before, which is too far and does no harm.
                 let other = &mut self.records[place as usize];
-                if other.normal.dot(record.normal) > 0.0 {
-                    // Its entries in the index reach as far as before, which is too far and does no harm.
-                    let radius_m = record.reach_m(accuracy) / accuracy + away(other);
-                    if radius_m < other.radius_m {
-                        let before_m = other.reach_m(accuracy);
-                        other.radius_m = radius_m;
-                        self.shrunk_count += u64::from(other.reach_m(accuracy) < before_m);
-                    }
-                }
+                let before_m = other.reach_m(accuracy);
+                other.clamp_to(&record, accuracy);
+                other.clamp_to_nearer_sight(&record);
+                self.shrunk_count += u64::from(other.reach_m(accuracy) < before_m);
             }
         }
         self.index.insert(
@@ -242,16 +276,18 @@ impl SecondaryLight for IrradianceCache {
     }
 
     fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
-        match self.any_irradiance(surface.point.position, &Facing::of(surface, wo)) {
-            Some(irradiance) => {
-                let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * irradiance;
-                // Where records count they say more than how far each reaches.
-                ScatteredLight { indirect, ..ScatteredLight::default() }
-            }
-            None => {
-                let base = self.base.as_ref();
-                base.map_or_else(ScatteredLight::default, |base| base.scattered(surface, wo, draw))
-            }
+        let (p, facing) = (surface.point.position, Facing::of(surface, wo));
+        let irradiance = self.any_irradiance(p, &facing);
+        if let (None, Some(base)) = (irradiance, &self.base) {
+            return base.scattered(surface, wo, draw);
         }
+        // Where records count they say more than how far each reaches.
+        irradiance.or_else(|| self.irradiance_through_walls(p, &facing)).map_or_else(
+            ScatteredLight::default,
+            |e| {
+                let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * e;
+                ScatteredLight { indirect, ..ScatteredLight::default() }
+            },
+        )
     }
 }

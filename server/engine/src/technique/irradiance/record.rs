@@ -7,13 +7,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    IrradianceSettings,
+    IrradianceSettings, PIXELS_COARSER_MAX,
     hemisphere::{self, Hemisphere},
+    horizon::Horizon,
     sight::Sight,
     walk::Seen,
 };
 use crate::{
-    math::Rgb,
+    math::{Frame, Rgb},
     technique::{ArrivingLight, Counts},
     transport::{Surface, World},
 };
@@ -40,6 +41,8 @@ pub struct Record {
     pub turning: Gradient,
     /// To be multiplied by the way from here, W/m³.
     pub moving: Gradient,
+    /// What stands up around it: it does not count beyond.
+    pub(super) horizon: Horizon,
 }
 
 /// Which way a point faces.
@@ -89,9 +92,16 @@ impl Record {
         (accuracy * self.radius_m).max(self.reach_min_m)
     }
 
-    /// Its weight at a point that faces `n` [eqs. 8.2, 8.3]; zero where it does not count.
+    /// Its weight at a point [eqs. 8.2, 8.3]; zero where it does not count.
     #[inline]
     pub fn weight(&self, p: Vec3, facing: &Facing, weighing: &Weighing) -> f32 {
+        let weight = self.weight_through_walls(p, facing, weighing);
+        if weight > 0.0 && self.is_hidden(p) { 0.0 } else { weight }
+    }
+
+    /// The same, whatever stands in between.
+    #[inline]
+    pub(super) fn weight_through_walls(&self, p: Vec3, facing: &Facing, weighing: &Weighing) -> f32 {
         let n = facing.normal;
         let way = p - self.position;
         let radius_m = self.reach_m(weighing.accuracy) / weighing.accuracy;
@@ -106,6 +116,27 @@ impl Record {
         }
         let weight = 1.0 / inverse.max(INVERSE_WEIGHT_MIN);
         if weighing.is_smooth { (weight - 1.0 / weighing.accuracy).max(0.0) } else { weight }
+    }
+
+    /// Something stands between it and a point.
+    #[inline]
+    fn is_hidden(&self, p: Vec3) -> bool {
+        let way = p - self.position;
+        way.length_squared() > self.horizon.nearest_m().powi(2)
+            && self.horizon.hides(Frame::around(self.n_geo).to_local(way))
+    }
+
+    /// Makes it count no farther than a neighbour lets it: its radius grows from that one's no faster than the way between them
+    /// [Krivanek2006].
+    pub(super) fn clamp_to(&mut self, neighbour: &Record, accuracy: f32) {
+        let away_m = self.position.distance(neighbour.position);
+        self.radius_m = self.radius_m.min(neighbour.reach_m(accuracy) / accuracy + away_m);
+    }
+
+    /// Makes it count over no more pixels of who looked nearer, and made a record there.
+    pub(super) fn clamp_to_nearer_sight(&mut self, neighbour: &Record) {
+        let away_m = self.position.distance(neighbour.position);
+        self.reach_min_m = self.reach_min_m.min(PIXELS_COARSER_MAX * neighbour.reach_min_m + away_m);
     }
 
     /// What it says of the irradiance at a point that faces `n`, never negative.
@@ -125,16 +156,16 @@ impl Record {
 
     /// Of the hemisphere above a point.
     fn of(world: &World, seen: &Seen, hemisphere: &Hemisphere, settings: &IrradianceSettings) -> Record {
-        let reach_min_m = seen.pixel_m * settings.pixels_min;
         let mut record = Record {
             position: seen.point.position,
             normal: seen.facing.normal,
             n_geo: seen.facing.n_geo,
             irradiance: hemisphere.irradiance(),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
-            reach_min_m: reach_min_m.min(REACH_MIN_MAX * world.accel().radius()),
+            reach_min_m: settings.reach_min_m(seen.pixel_m),
             turning: hemisphere.turning(),
             moving: hemisphere.moving(),
+            horizon: hemisphere.horizon(),
         };
         record.limit_by_gradient();
         record
@@ -144,8 +175,8 @@ impl Record {
     /// it counts stays.
     fn refine(&mut self, visits: u32, newest: &Record) {
         if visits == 0 {
-            let (radius_m, reach_min_m) = (self.radius_m, self.reach_min_m);
-            *self = Record { radius_m, reach_min_m, ..*newest };
+            let Record { radius_m, reach_min_m, horizon, .. } = *self;
+            *self = Record { radius_m, reach_min_m, horizon, ..*newest };
             return;
         }
         let share = 1.0 / (visits as f32 + 1.0);
@@ -168,9 +199,6 @@ impl Record {
         }
     }
 }
-
-/// However far a pixel reaches, records count no farther than this share of the scene's radius for it.
-const REACH_MIN_MAX: f32 = 0.1;
 
 /// A record as it was just gathered.
 #[derive(Clone, Copy, Debug)]

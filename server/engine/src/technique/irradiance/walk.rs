@@ -21,12 +21,15 @@ const CHUNKS_MAX: usize = 8;
 /// Pixels of a batch lie at least so many strides apart.
 const APART_STRIDES: u32 = 3;
 
+/// Share of the scene's radius that a pixel is taken to be wide at most.
+const PIXEL_MAX: f32 = 0.025;
+
 /// A surface that a pixel sees, where it may need a record.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub(super) point: SurfacePoint,
     pub(super) facing: Facing,
-    /// Width of a pixel there, m.
+    /// Width of a pixel there, or less where it is a great share of the scene, m.
     pub(super) pixel_m: f32,
 }
 
@@ -71,7 +74,7 @@ impl Walk {
                 std::iter::from_fn(|| self.waiting.pop_front().or_else(|| self.advance()))
                     .take(CHUNK)
                     .collect();
-            let is_covered = |seen: &Seen| cache.irradiance(seen.point.position, &seen.facing).is_some();
+            let is_covered = |seen: &Seen| cache.covers(seen.point.position, &seen.facing, seen.pixel_m);
             let missing: Vec<Option<Seen>> = chunk
                 .par_iter()
                 .with_min_len(64)
@@ -132,7 +135,8 @@ fn seen_through(world: &World, view: &View, pixel: UVec2) -> Option<Seen> {
             let turned = beside.direction.distance(view.ray(at.x, at.y).direction);
             let moved_m = beside.origin.distance(view.ray(at.x, at.y).origin);
             let facing = Facing::of(&surface, -ray.direction);
-            return Some(Seen { point: surface.point, facing, pixel_m: length_m * turned + moved_m });
+            let pixel_m = (length_m * turned + moved_m).min(PIXEL_MAX * world.accel().radius());
+            return Some(Seen { point: surface.point, facing, pixel_m });
         }
         let wo = surface.frame.to_local(-ray.direction);
         let drawn = surface.bsdf.sample(wo, [0.5, 0.5, 0.5])?;

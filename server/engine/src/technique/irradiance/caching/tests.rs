@@ -12,7 +12,7 @@ use super::{
 use crate::{
     accel::SurfacePoint,
     math::{Rgb, sobol::point},
-    scene::{Projection, samples},
+    scene::{Material, Projection, samples},
     technique::Products,
 };
 
@@ -288,4 +288,59 @@ fn the_order_of_the_walk_leaves_no_trace() {
     // Views after the first get no rough records, which count on: 2.5 % for the whole at once, 3.6 for it in the most parts. A third of
     // 0.15, which bounds the error where a record ends, not its mean.
     assert!(most < 0.05 && most - least < least, "{errors:?}");
+}
+
+/// Rooms that share floor, walls and ceiling, one bright and one dark, looked at one after the other: with a wall of two centimetres
+/// or of a tenth of a millimetre between them, and pixels many times as wide, no light of the bright one shows in the other. What
+/// was seen from far counts no farther than what is seen from near asks for.
+#[test]
+fn no_light_comes_through_the_wall() {
+    let grey = Material { double_sided: true, ..Material::lambert(Rgb::splat(0.5)) };
+    for half_m in [0.01, 5e-5] {
+        let mut stage = samples::Stage::default();
+        let wall = stage.material("wall", grey.clone()).unwrap();
+        let place = |stage: &mut samples::Stage, name: &str, from: DVec3, to: DVec3| {
+            stage.place(name, samples::cuboid(from, to, &wall), DAffine3::IDENTITY).unwrap();
+        };
+        place(&mut stage, "hull", DVec3::new(-4.0, 0.0, -1.5), DVec3::new(4.0, 2.5, 1.5));
+        place(&mut stage, "parting", DVec3::new(-half_m, 0.0, -1.5), DVec3::new(half_m, 2.5, 1.5));
+        let world = World::prepare(Arc::new(stage.finish()));
+        let origin = world.accel().to_render(DVec3::ZERO);
+        let is_dark = move |p: Vec3| p.x > origin.x;
+        let light: Arc<dyn ArrivingLight> =
+            Arc::new(Painted(move |p: Vec3| Rgb::splat(if is_dark(p) { 1e-3 } else { 1.0 })));
+        let mut caching = IrradianceCaching::new(with_rays(400), light, None);
+        let look =
+            |x: f64| CameraView::look_at(DVec3::new(x, 1.6, 1.2), DVec3::new(0.0, 0.6, -0.5), DVec3::Y, 1.3);
+        let (mut dark, mut bright, mut missing) = (0, 0, 0);
+        for (x, pixels) in [(-3.5, 24), (2.5, 72), (-1.5, 48)] {
+            let (camera, size) = (look(x), PictureSize::new(pixels, pixels).unwrap());
+            caching.look(0, &camera, size);
+            finish(&mut caching, &world);
+            let view = View::new(&world, &camera, size);
+            for pixel in 0..pixels * pixels {
+                let [u, v, ..] = point(41, pixel);
+                let ray = view.ray((pixel % pixels) as f32 + u, (pixel / pixels) as f32 + v);
+                let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+                let p = surface.point.position;
+                let Some(found) = caching.cache().irradiance(p, &Facing::of(&surface, -ray.direction)) else {
+                    missing += 1;
+                    continue;
+                };
+                // Even light: in either room nothing else arrives anywhere.
+                let expected = std::f32::consts::PI * if is_dark(p) { 1e-3 } else { 1.0 };
+                assert!(
+                    (found.r / expected - 1.0).abs() < 0.01,
+                    "{} of {expected} at {}",
+                    found.r,
+                    p - origin
+                );
+                *(if is_dark(p) { &mut dark } else { &mut bright }) += 1;
+            }
+        }
+        assert!(
+            dark > 5_000 && bright > 2_500 && missing < 50,
+            "{dark}, {bright}, {missing} without records"
+        );
+    }
 }

@@ -1,0 +1,339 @@
+//! What stands up around a record: how far its surface lies open before it, direction by direction.
+//!
+//! A record counts over a sphere, and where that is wider than what the record is close to (over pixels, where it is rough, or because
+//! one wall is near and all others far) it reaches through walls into the room behind them. Its own lowest rays say where they stand:
+//! hits of neighbouring directions are joined by straight lines, as a wall is seen from above, and what lies beyond the
+//! line and lower than where it was hit is hidden. On the inside of a vault, where the lowest rays meet the vault itself, what lies
+//! beyond them lies higher, and is not.
+
+use std::f32::consts::TAU;
+
+use glam::{Vec2, Vec3};
+
+/// Directions in which it is kept how far the surface lies open.
+const SECTORS: usize = 12;
+/// Of the nearest hits that those are found from.
+const BINS: usize = 2 * SECTORS;
+/// Cosine to the normal up to which a ray is a low one: a sixth of those of a hemisphere are.
+const LOW_COS: f32 = 0.408;
+/// Steps of a length's logarithm to an octave.
+const PER_OCTAVE: f32 = 16.0;
+/// Nothing was met, or farther than codes go. It counts as so far away.
+const ENDLESS: u8 = u8::MAX;
+/// Rise of the highest code, and a little more than that of any low ray.
+const RISE_MAX: f32 = 0.45;
+/// Between two directions a wall may come nearer than in either, by so much: cos (π / 12), rounded down.
+const BETWEEN: f32 = 0.965;
+/// Two hits with more than this between their directions are not joined, rad.
+const GAP_MAX: f32 = 0.25 * TAU;
+/// A wall goes on beyond the last that was met of it by so much, rad: hardly more than the half of a sector.
+const LENGTHENED: f32 = 0.05 * TAU;
+
+/// See the module's head.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Horizon {
+    /// Nothing nearer is hidden, m.
+    nearest_m: f32,
+    /// Open way in each direction over the shortest, in steps of its logarithm, rounded down.
+    ways: [u8; SECTORS],
+    /// Rise over way of what was met there, rounded down.
+    rises: [u8; SECTORS],
+}
+
+/// The nearest that low rays have met.
+#[derive(Clone, Debug)]
+pub(super) struct LowHits {
+    bins: [Bin; BINS],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Bin {
+    /// No ray went there.
+    Unknown,
+    /// None of those that did met anything.
+    Open,
+    Met {
+        /// In the surface's plane, m.
+        at: Vec2,
+        /// Height over way.
+        rise: f32,
+    },
+}
+
+/// The nearest in a direction.
+#[derive(Clone, Copy, Debug)]
+struct Nearest {
+    angle: f32,
+    met: Bin,
+}
+
+impl LowHits {
+    pub(super) const NONE: LowHits = LowHits { bins: [Bin::Unknown; BINS] };
+
+    /// Takes in a ray.
+    ///
+    /// - `local`: its unit direction in the frame around the triangle's normal
+    /// - `distance_m`: to what it met; `None`: nothing
+    pub(super) fn add(&mut self, local: Vec3, distance_m: Option<f32>) {
+        if !(local.z > 0.0 && local.z < LOW_COS) {
+            return;
+        }
+        let along = local.truncate();
+        let bin = &mut self.bins[bin_of(along)];
+        let Some(distance_m) = distance_m.filter(|distance_m| *distance_m < f32::INFINITY) else {
+            *bin = if *bin == Bin::Unknown { Bin::Open } else { *bin };
+            return;
+        };
+        let at = along * distance_m;
+        let is_nearer = match bin {
+            Bin::Met { at: other, .. } => at.length_squared() < other.length_squared(),
+            _ => true,
+        };
+        if is_nearer {
+            *bin = Bin::Met { at, rise: local.z / along.length() };
+        }
+    }
+
+    pub(super) fn horizon(&self) -> Horizon {
+        let known: Vec<Nearest> = self
+            .bins
+            .iter()
+            .enumerate()
+            .filter_map(|(bin, met)| match met {
+                Bin::Unknown => None,
+                Bin::Open => Some(Nearest { angle: TAU * (bin as f32 + 0.5) / BINS as f32, met: *met }),
+                Bin::Met { at, .. } => Some(Nearest { angle: angle_of(*at), met: *met }),
+            })
+            .collect();
+        let open: [Option<(f32, f32)>; SECTORS] = std::array::from_fn(|sector| {
+            let direction = direction_of(sector);
+            let angle = TAU * sector as f32 / SECTORS as f32;
+            // Ascending by angle: bins do not overlap.
+            let next = known.iter().position(|one| one.angle > angle).unwrap_or(0);
+            let before = known.get((next + known.len()).checked_sub(1)? % known.len())?;
+            way_between(direction, angle, before, &known[next])
+        });
+        let shortest_m = open.iter().flatten().map(|(way_m, _)| *way_m).fold(f32::INFINITY, f32::min);
+        if !(shortest_m > 0.0 && shortest_m < f32::INFINITY) {
+            return Horizon::OPEN;
+        }
+        let way = |met: &Option<(f32, f32)>| {
+            // Casts saturate.
+            met.map_or(ENDLESS, |(way_m, _)| ((way_m / shortest_m).log2() * PER_OCTAVE) as u8)
+        };
+        let rise = |met: &Option<(f32, f32)>| {
+            // Lower than everything: what has no height hides nothing, and what is met has some.
+            met.map_or(u8::MAX, |(_, rise)| ((rise / RISE_MAX * f32::from(u8::MAX)) as u8).max(1))
+        };
+        Horizon {
+            nearest_m: BETWEEN * shortest_m,
+            ways: open.each_ref().map(way),
+            rises: open.each_ref().map(rise),
+        }
+    }
+}
+
+/// How far the way lies open between two neighbouring hits, m, and the rise of the lower one; `None`: without end.
+fn way_between(direction: Vec2, angle: f32, before: &Nearest, after: &Nearest) -> Option<(f32, f32)> {
+    let [since, until] =
+        [angle - before.angle, after.angle - angle].map(|difference| difference.rem_euclid(TAU));
+    if let (Bin::Met { at: a, rise: rise_a }, Bin::Met { at: b, rise: rise_b }) = (before.met, after.met)
+        && since + until < GAP_MAX
+        && a != b
+    {
+        // On the line from one to the other.
+        let way_m = a.perp_dot(b) / direction.perp_dot(b - a);
+        if way_m > 0.0 {
+            return Some((way_m, rise_a.min(rise_b)));
+        }
+    }
+    // Where a wall ends, or is seen at too flat an angle, it is taken for a little longer.
+    let met = [(before, since), (after, until)].into_iter().filter_map(|(nearest, away)| match nearest.met {
+        Bin::Met { at, rise } if away < LENGTHENED => Some((at.length(), rise, away)),
+        _ => None,
+    });
+    met.min_by(|a, b| a.2.total_cmp(&b.2)).map(|(way_m, rise, _)| (way_m, rise))
+}
+
+fn angle_of(at: Vec2) -> f32 {
+    at.y.atan2(at.x).rem_euclid(TAU)
+}
+
+fn bin_of(along: Vec2) -> usize {
+    ((angle_of(along) / TAU * BINS as f32) as usize).min(BINS - 1)
+}
+
+/// cos and sin of the angles of sectors.
+const DIRECTIONS: [[f32; 2]; SECTORS] = {
+    const HALF_ROOT_3: f32 = 0.866_025_4;
+    let [c, s, h] = [HALF_ROOT_3, 0.5, 1.0];
+    [
+        [h, 0.0],
+        [c, s],
+        [s, c],
+        [0.0, h],
+        [-s, c],
+        [-c, s],
+        [-h, 0.0],
+        [-c, -s],
+        [-s, -c],
+        [0.0, -h],
+        [s, -c],
+        [c, -s],
+    ]
+};
+
+fn direction_of(sector: usize) -> Vec2 {
+    Vec2::from(DIRECTIONS[sector % SECTORS])
+}
+
+/// The sector whose direction comes before that of a way, counter-clockwise.
+fn sector_of(way: Vec2) -> usize {
+    const TAN_30: f32 = 0.577_350_26;
+    const TAN_60: f32 = 1.732_050_8;
+    let [x, y] = [way.x.abs(), way.y.abs()];
+    let third = usize::from(y >= TAN_30 * x) + usize::from(y >= TAN_60 * x);
+    match (way.x >= 0.0, way.y >= 0.0) {
+        (true, true) => third,
+        (false, true) => 5 - third,
+        (false, false) => 6 + third,
+        (true, false) => 11 - third,
+    }
+}
+
+impl Horizon {
+    /// Nothing stands anywhere.
+    pub(super) const OPEN: Horizon =
+        Horizon { nearest_m: f32::INFINITY, ways: [ENDLESS; SECTORS], rises: [u8::MAX; SECTORS] };
+
+    /// Nothing is hidden up to here, m.
+    #[inline]
+    pub(super) fn nearest_m(&self) -> f32 {
+        self.nearest_m
+    }
+
+    /// Something stands between here and there.
+    ///
+    /// - `way`: to there, in the frame around the triangle's normal, m
+    pub(super) fn hides(&self, way: Vec3) -> bool {
+        let along = way.truncate();
+        let along_m = along.length();
+        if !(along_m > self.nearest_m) {
+            return false;
+        }
+        let sector = sector_of(along);
+        let next = (sector + 1) % SECTORS;
+        let rise = self.rises[sector].min(self.rises[next]);
+        if way.z >= f32::from(rise) / f32::from(u8::MAX) * RISE_MAX * along_m {
+            return false;
+        }
+        let [a, b] = [sector, next].map(|sector| direction_of(sector) * self.way_m(sector));
+        (b - a).perp_dot(along - a) < 0.0
+    }
+
+    fn way_m(&self, sector: usize) -> f32 {
+        self.nearest_m / BETWEEN * (f32::from(self.ways[sector]) / PER_OCTAVE).exp2()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sobol::point;
+
+    /// Low rays of which a wall stops some.
+    ///
+    /// - `wall`: its distance and the direction that it is in, rad
+    fn before_wall(distance_m: f32, towards: f32, count: u32) -> LowHits {
+        let mut hits = LowHits::NONE;
+        for index in 0..count {
+            let [u, v, ..] = point(31, index);
+            let cos = (v * 0.17).sqrt();
+            let along = Vec2::from_angle(TAU * (index as f32 + u) / count as f32) * (1.0 - cos * cos).sqrt();
+            let approach = along.dot(Vec2::from_angle(towards));
+            hits.add(along.extend(cos), (approach > 0.0).then(|| distance_m / approach));
+        }
+        hits
+    }
+
+    /// Nothing behind a wall is seen, and little before it taken for hidden, whichever way the wall stands, over twelve orders of
+    /// magnitude.
+    #[test]
+    fn a_wall_hides_what_lies_behind_it() {
+        for index in 0..300 {
+            let [towards, ..] = point(32, index);
+            let towards = TAU * towards;
+            let distance_m = 10f32.powi(index as i32 % 13 - 6);
+            let horizon = before_wall(distance_m, towards, 38).horizon();
+            let (mut lost, mut all) = (0, 0);
+            for index in 0..400 {
+                let [across, along, ..] = point(33, index);
+                let across = (across - 0.5) * 4.0;
+                let at = |depth: f32| Vec2::from_angle(towards).rotate(Vec2::new(depth, across)) * distance_m;
+                let behind = at(1.002 + 2.0 * along * along);
+                // Beside the end of what its rays have met it may be that there is no wall.
+                if across.abs() < 1.5 {
+                    assert!(horizon.hides(behind.extend(0.0)), "{behind} behind {distance_m} m at {towards}");
+                }
+                lost += u32::from(horizon.hides(at(along).extend(0.0)));
+                all += 1;
+            }
+            assert!(lost * 6 < all, "{lost} of {all} before {distance_m} m at {towards}");
+        }
+    }
+
+    /// On the inside of a ball every place sees every other.
+    #[test]
+    fn vaults_hide_nothing_of_themselves() {
+        let on_ball = |index: u32| {
+            let [u, v, ..] = point(34, index);
+            let cos = (v * 0.17).sqrt();
+            let along = Vec2::from_angle(TAU * u) * (1.0 - cos * cos).sqrt();
+            // A chord of a ball of radius 1 that touches the plane.
+            (along.extend(cos), 2.0 * cos)
+        };
+        let mut hits = LowHits::NONE;
+        for (direction, chord_m) in (0..40).map(on_ball) {
+            hits.add(direction, Some(chord_m));
+        }
+        let horizon = hits.horizon();
+        let hidden = (100..4_000).map(on_ball).filter(|(to, chord_m)| horizon.hides(*to * *chord_m)).count();
+        assert!(hidden < 300, "{hidden} of 3900");
+    }
+
+    /// No rays, none that meets anything, and lengths that are no number hide nothing.
+    #[test]
+    fn what_is_not_known_hides_nothing() {
+        let everywhere = |horizon: Horizon| {
+            (0..100).all(|index| {
+                let way = Vec2::from_angle(index as f32) * 10f32.powi(index % 30 - 15);
+                !horizon.hides(way.extend(0.0)) && !horizon.hides(way.extend(-way.length()))
+            })
+        };
+        assert!(everywhere(LowHits::NONE.horizon()) && everywhere(Horizon::OPEN));
+        for distance_m in [None, Some(f32::INFINITY), Some(f32::NAN), Some(0.0)] {
+            let mut hits = LowHits::NONE;
+            for index in 0..40 {
+                hits.add((Vec2::from_angle(index as f32) * 0.99).extend(0.14), distance_m);
+            }
+            assert!(everywhere(hits.horizon()), "{distance_m:?}");
+        }
+        // High rays say nothing.
+        let mut hits = LowHits::NONE;
+        hits.add(Vec3::new(0.8, 0.0, 0.6), Some(1.0));
+        assert!(everywhere(hits.horizon()));
+    }
+
+    #[test]
+    fn sectors_are_found_without_angles() {
+        for index in 0..10_000 {
+            let angle = TAU * (index as f32 + 0.5) / 10_000.0;
+            let expected = (angle / TAU * SECTORS as f32) as usize;
+            assert_eq!(sector_of(Vec2::from_angle(angle) * (1.0 + index as f32)), expected, "{angle}");
+        }
+        for (sector, [x, y]) in DIRECTIONS.iter().enumerate() {
+            let angle = TAU * sector as f32 / SECTORS as f32;
+            assert!(Vec2::from_angle(angle).distance(Vec2::new(*x, *y)) < 1e-6);
+        }
+    }
+}
