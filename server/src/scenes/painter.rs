@@ -27,8 +27,10 @@ use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
-/// Slice of learning about the light between two slices of refining, for one viewer alone.
+/// Slice of learning about the light between two slices of refining, for one viewer alone, at most …
 const LEARNING_SECONDS: f64 = 0.2;
+/// … and over the time that was spent on drawing since the last: a small picture takes a tenth of a slice for a sample of each pixel.
+const LEARNING_FOR_DRAWING: f64 = 2.0;
 /// While the scene is on its way to the card, who rests looks whether it has come, or is still wanted.
 const CARD_SECONDS: Duration = Duration::from_secs(1);
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
@@ -52,6 +54,8 @@ pub(super) struct Painter {
     quick_speed: Speed,
     /// Who had the last slice, in the round of viewers and drawings.
     turn: usize,
+    /// Time spent on drawing in the last round.
+    drawn_seconds: f64,
     /// A quick pass was drawn while others waited to refine: they are next.
     slice_owed: bool,
     alarm: Alarm,
@@ -77,6 +81,7 @@ impl Painter {
             speed: Speed::default(),
             quick_speed: Speed::default(),
             turn: 0,
+            drawn_seconds: 0.0,
             slice_owed: false,
             alarm,
         }
@@ -107,7 +112,10 @@ impl Painter {
                 .collect();
             let is_moving = tasks.iter().any(|(_, _, task)| *task == Task::Start);
             let has_learnt = self.learn(is_moving);
-            if !self.work_one_round(&tasks, &snapshot) && !has_learnt {
+            let start = Instant::now();
+            let has_drawn = self.work_one_round(&tasks, &snapshot);
+            self.drawn_seconds = start.elapsed().as_secs_f64();
+            if !has_drawn && !has_learnt {
                 let later = tasks.iter().filter_map(|(_, _, task)| match task {
                     Task::Later(at) => Some(*at),
                     _ => None,
@@ -162,12 +170,12 @@ impl Painter {
 
     /// Learns of the light for a slice of time; true when it did anything.
     fn learn(&mut self, is_moving: bool) -> bool {
-        let milliseconds = self.scene.workshop.config.moving_pass_ms;
+        let least = self.scene.workshop.config.moving_pass_ms * 1e-3;
         // Who looks without what is learnt, or has to share with others, gets as much time as is spent on learning.
         let is_alone = self.films.len() == 1 && self.films.values().all(ViewerFilm::is_lit_by_the_scene);
         let slice = match (is_moving, is_alone) {
-            (true, _) => milliseconds * 1e-3,
-            (false, true) => LEARNING_SECONDS,
+            (true, _) => least,
+            (false, true) => (LEARNING_FOR_DRAWING * self.drawn_seconds).max(least).min(LEARNING_SECONDS),
             (false, false) => SLICE_SECONDS,
         };
         let scene = &self.scene;
