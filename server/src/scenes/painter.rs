@@ -27,10 +27,15 @@ use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
-/// Slice of learning about the light between two slices of refining, for one viewer alone, at most …
+/// Slice of learning about the light between two slices of drawing, at most …
 const LEARNING_SECONDS: f64 = 0.2;
-/// … and over the time that was spent on drawing since the last: a small picture takes a tenth of a slice for a sample of each pixel.
+/// … and over the time that was spent on drawing since the last, for one viewer alone: a small picture takes a tenth of a slice for a
+/// sample of each pixel …
 const LEARNING_FOR_DRAWING: f64 = 2.0;
+/// … less while his picture is not yet shown as large as he asked for, …
+const LEARNING_FOR_CLIMBING: f64 = 0.5;
+/// … and as much for those who look without what is learnt, or have to share with others.
+const LEARNING_FOR_OTHERS: f64 = 1.0;
 /// While the scene is on its way to the card, who rests looks whether it has come, or is still wanted.
 const CARD_SECONDS: Duration = Duration::from_secs(1);
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
@@ -171,13 +176,18 @@ impl Painter {
     /// Learns of the light for a slice of time; true when it did anything.
     fn learn(&mut self, is_moving: bool) -> bool {
         let least = self.scene.workshop.config.moving_pass_ms * 1e-3;
-        // Who looks without what is learnt, or has to share with others, gets as much time as is spent on learning.
-        let is_alone = self.films.len() == 1 && self.films.values().all(ViewerFilm::is_lit_by_the_scene);
-        let slice = match (is_moving, is_alone) {
-            (true, _) => least,
-            (false, true) => (LEARNING_FOR_DRAWING * self.drawn_seconds).max(least).min(LEARNING_SECONDS),
-            (false, false) => SLICE_SECONDS,
+        let ratio = match self.films.values().next() {
+            Some(film) if self.films.len() == 1 && film.is_lit_by_the_scene() => {
+                if film.climbs() {
+                    LEARNING_FOR_CLIMBING
+                } else {
+                    LEARNING_FOR_DRAWING
+                }
+            }
+            _ => LEARNING_FOR_OTHERS,
         };
+        let slice =
+            if is_moving { least } else { (ratio * self.drawn_seconds).min(LEARNING_SECONDS).max(least) };
         let scene = &self.scene;
         let is_news = || lock(&scene.board).urgent;
         self.lighting.learn(Duration::from_secs_f64(slice), &scene.workshop, is_news)
@@ -490,9 +500,9 @@ impl Painter {
         let is_decided = wish.target_error > 0.0 && self.is_lit(film);
         layer.rendering.aim_at(is_decided.then_some(wish.target_error));
         let complete = self.pass(&mut layer.rendering, film, cut);
-        let due = film.is_due(&layer);
+        let is_due = film.is_due(&layer, complete);
         film.layer = Some(layer);
-        if complete && due {
+        if is_due {
             self.offer(viewer, film, wish, snapshot);
         }
     }
@@ -568,7 +578,7 @@ impl Painter {
         film.measured = pool.install(|| rendering.measured_error_of(&picture));
         let rest = Rest { samples_max: self.scene.workshop.config.samples_max, is_lit: self.is_lit(film) };
         let converged = film.has_converged(layer, wish, rest);
-        if layer.divisor > film.divisor_min {
+        if film.climbs() {
             film.foretold.pause();
         } else {
             let seconds = film.started.elapsed().as_secs_f64();

@@ -201,6 +201,11 @@ impl ViewerFilm {
         self.key.light.is_some()
     }
 
+    /// Its picture is smaller than it may be.
+    pub(super) fn climbs(&self) -> bool {
+        self.layer.as_ref().is_none_or(|layer| layer.divisor > self.divisor_min)
+    }
+
     /// What comes next for a film whose key still holds.
     pub(super) fn next(&self, layer: &Layer, wish: &Wish, snapshot: &Snapshot, rest: Rest) -> Task {
         let converged = self.has_converged(layer, wish, rest);
@@ -235,17 +240,21 @@ impl ViewerFilm {
             None => passes >= PASSES_BLACK,
         };
         self.rests_at.is_some_and(|aim| wish.target_error >= aim.error)
-            || layer.divisor <= self.divisor_min
+            || !self.climbs()
                 && rest.is_lit
                 && passes >= self.relit_at_passes + PASSES_RELIT
                 && (reached || passes >= rest.samples_max)
     }
 
     /// Whether a refined picture is worth sending.
-    pub(super) fn is_due(&self, layer: &Layer) -> bool {
+    ///
+    /// - `complete`: all its pixels have as many samples
+    pub(super) fn is_due(&self, layer: &Layer, complete: bool) -> bool {
         let since = self.shown.map_or(f64::INFINITY, |shown| shown.at.elapsed().as_secs_f64());
-        let grown = layer.rendering.passes() >= self.offer_at_passes && since >= REFINED_SECONDS_MIN;
-        grown || since >= SENT_SECONDS_MAX
+        let grown = layer.rendering.passes() >= self.offer_at_passes;
+        // Samples of a large picture take long: how good it is, is said as soon as it is known.
+        let is_news = complete && grown || self.measured.is_none() && layer.rendering.is_measured();
+        is_news && since >= REFINED_SECONDS_MIN || complete && since >= SENT_SECONDS_MAX
     }
 
     fn interval(&self) -> Option<[f32; 2]> {

@@ -118,8 +118,13 @@ impl Rendering {
         self.measuring.is_some()
     }
 
-    /// Keeps the measure of the error up with the rest of the work.
-    pub(super) fn measure(&mut self, cancel: &AtomicBool) {
+    /// Enough is measured for an error to be told, as far as that is asked of some pixels: [`Rendering::measured_error`] costs more.
+    pub fn is_measured(&self) -> bool {
+        self.measuring.as_ref().is_some_and(Measuring::is_believed)
+    }
+
+    /// Traces the pixels that tell the error as far as the rest of the work allows.
+    pub(super) fn keep_measuring_up(&mut self, cancel: &AtomicBool) {
         let spent = self.spent_rays();
         #[cfg(feature = "gpu")]
         let start = std::time::Instant::now();
@@ -128,6 +133,11 @@ impl Rendering {
         self.counts += counts;
         #[cfg(feature = "gpu")]
         self.note_cpu_work(counts.all_rays(), start);
+    }
+
+    /// Keeps the measure of the error up with the rest of the work, and what comes next with that.
+    pub(super) fn measure(&mut self, cancel: &AtomicBool) {
+        self.keep_measuring_up(cancel);
         let Some(measuring) = &mut self.measuring else { return };
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {

@@ -279,11 +279,16 @@ impl Measuring {
         }
     }
 
+    /// Its pixels have the samples that it takes to believe them.
+    pub(super) fn is_believed(&self) -> bool {
+        self.gauge.samples() >= SAMPLES_BELIEVED
+    }
+
     /// The error of a picture of the view; `None` while too little is known.
     ///
     /// - `film`: the looked-up film in it
     pub(super) fn error_of(&self, picture: &Picture<'_>, film: &Film) -> Option<MeasuredError> {
-        if self.gauge.samples() < SAMPLES_BELIEVED {
+        if !self.is_believed() {
             return None;
         }
         let radiance = picture.radiance();

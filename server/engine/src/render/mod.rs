@@ -387,6 +387,10 @@ impl Rendering {
             return progress;
         }
         let is_first = self.film.passes_min() == 0;
+        // Whoever looks at a large picture in slices of time is not to wait for the end of its second pass.
+        if !is_first && !self.is_whole() {
+            self.keep_measuring_up(cancel);
+        }
         let (start, before, spent_before) = (Instant::now(), self.counts, self.spent_rays());
         let progress = match self.turn() {
             Turn::LookedUp => self.draw(cancel),
