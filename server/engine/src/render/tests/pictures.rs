@@ -1,7 +1,13 @@
 //! Pictures: by every technique all of the light is in them, and they say how far they are from it.
 
+use std::sync::atomic::{AtomicI64, Ordering};
+
 use super::*;
-use crate::scene::CameraView;
+use crate::{
+    scene::CameraView,
+    technique::{Card, ScatteredLight, SecondaryLight},
+    transport::Surface,
+};
 
 /// Direct light by sampling and the rest by the octree add up to what the furnace holds, E / (1 − ρ), and a scene without
 /// surface is dark and done.
@@ -330,4 +336,60 @@ fn known_light_brings_no_caustics_where_nothing_focuses() {
     rendering.step(&never);
     assert!(rendering.film().layer(PathClass::Indirect).iter().any(|value| value.g > 0.0));
     assert!(rendering.film().layer(PathClass::Caustic).iter().all(|value| value.is_black()));
+}
+
+/// Light that asks for a pause once it was looked up so many times.
+#[derive(Debug)]
+struct Pausing {
+    light: Arc<dyn SecondaryLight>,
+    left: AtomicI64,
+    pause: AtomicBool,
+}
+
+impl SecondaryLight for Pausing {
+    fn card(&self) -> &'static Card {
+        self.light.card()
+    }
+
+    fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
+        if self.left.fetch_sub(1, Ordering::Relaxed) <= 0 {
+            self.pause.store(true, Ordering::Relaxed);
+        }
+        self.light.scattered(surface, wo, draw)
+    }
+
+    fn has_caustics(&self) -> bool {
+        self.light.has_caustics()
+    }
+}
+
+/// Who looks at a large picture slice by slice learns its error before the second sample of every pixel is there, and gets the same
+/// picture as without pauses.
+#[test]
+fn errors_are_known_before_the_second_pass_ends() {
+    let world = Arc::new(world_of(samples::boxes().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let plan = EffectPlan::of(world.scene());
+    let settings = RenderSettings { indirect: Indirect::Octree, ..RenderSettings::default() };
+    let light = Caches::complete(self::settings(30_000, 5), &world).products.secondary.clone().unwrap();
+    let light = Arc::new(Pausing { light, left: AtomicI64::new(i64::MAX), pause: AtomicBool::new(false) });
+    let size = PictureSize::new(480, 360).unwrap();
+    let picture = || Rendering::with((world.clone(), &plan), view, size, settings, Some(light.clone()));
+    let mut sliced = picture();
+    assert!(sliced.step(&light.pause).complete && !sliced.is_measured());
+    let mut slices = 0;
+    while sliced.passes() < 2 {
+        light.left.store(8_000, Ordering::Relaxed);
+        light.pause.store(false, Ordering::Relaxed);
+        sliced.step(&light.pause);
+        slices += 1;
+        assert!(sliced.is_measured() || slices < 4, "{slices} slices");
+        assert!(slices < 100, "no end of it");
+    }
+    assert!(slices > 5 && sliced.measured_error().is_some(), "{slices} slices");
+    light.left.store(i64::MAX, Ordering::Relaxed);
+    light.pause.store(false, Ordering::Relaxed);
+    let mut whole = picture();
+    (0..2).for_each(|_| assert!(whole.step(&light.pause).complete));
+    assert!(whole.picture().radiance() == sliced.picture().radiance());
 }
