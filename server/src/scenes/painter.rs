@@ -27,7 +27,8 @@ use std::time::{Duration, Instant};
 
 /// Slice of a viewer that refines while others wait: long against the cost of a switch, short for the eye.
 const SLICE_SECONDS: f64 = 0.1;
-/// Slice of learning about the light between two slices of drawing, at most …
+/// Slice of learning about the light between two slices of drawing, at least and at most …
+const LEARNING_LEAST: f64 = 0.04;
 const LEARNING_SECONDS: f64 = 0.2;
 /// … and over the time that was spent on drawing since the last, for one viewer alone: a small picture takes a tenth of a slice for a
 /// sample of each pixel …
@@ -164,7 +165,7 @@ impl Painter {
             let known = self.lighting.known(light, film.key.indirect);
             (film.light_generation, film.light_epoch, film.rests_at) = (generation, epoch, None);
             let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
-            film.measured = None;
+            (film.measured, film.told_early) = (None, false);
             film.offer_at_passes = 0;
             film.relit_at_passes = film.layer.as_ref().map_or(0, |layer| layer.rendering.passes());
             for layer in film.layer.iter_mut().chain(&mut film.climb) {
@@ -177,7 +178,7 @@ impl Painter {
     fn learn(&mut self, is_moving: bool) -> bool {
         let least = self.scene.workshop.config.moving_pass_ms * 1e-3;
         let ratio = match self.films.values().next() {
-            Some(film) if self.films.len() == 1 && film.is_lit_by_the_scene() => {
+            Some(film) if self.films.len() == 1 && self.drawings.is_empty() && film.is_lit_by_the_scene() => {
                 if film.climbs() {
                     LEARNING_FOR_CLIMBING
                 } else {
@@ -186,8 +187,12 @@ impl Painter {
             }
             _ => LEARNING_FOR_OTHERS,
         };
-        let slice =
-            if is_moving { least } else { (ratio * self.drawn_seconds).min(LEARNING_SECONDS).max(least) };
+
+        let slice = if is_moving {
+            least
+        } else {
+            (ratio * self.drawn_seconds).clamp(LEARNING_LEAST, LEARNING_SECONDS)
+        };
         let scene = &self.scene;
         let is_news = || lock(&scene.board).urgent;
         self.lighting.learn(Duration::from_secs_f64(slice), &scene.workshop, is_news)
@@ -503,6 +508,7 @@ impl Painter {
         let is_due = film.is_due(&layer, complete);
         film.layer = Some(layer);
         if is_due {
+            film.told_early |= !complete;
             self.offer(viewer, film, wish, snapshot);
         }
     }

@@ -120,6 +120,8 @@ pub(super) struct ViewerFilm {
     /// wake it.
     pub(super) rests_at: Option<Aim>,
     pub(super) measured: Option<MeasuredError>,
+    /// Its error was told in the middle of a pass, with this light.
+    pub(super) told_early: bool,
     pub(super) foretold: Foretold,
     pub(super) packer: Packer,
     pub(super) speed: Speed,
@@ -170,6 +172,7 @@ impl ViewerFilm {
             relit_at_passes: 0,
             rests_at: None,
             measured: None,
+            told_early: false,
             foretold: Foretold::default(),
             packer: Packer::default(),
             speed,
@@ -185,6 +188,7 @@ impl ViewerFilm {
         self.climb = None;
         self.offer_at_passes = 0;
         self.measured = None;
+        self.told_early = false;
         self.rests_at = None;
         self.relit_at_passes = 0;
         self.foretold.restart();
@@ -253,7 +257,12 @@ impl ViewerFilm {
         let since = self.shown.map_or(f64::INFINITY, |shown| shown.at.elapsed().as_secs_f64());
         let grown = layer.rendering.passes() >= self.offer_at_passes;
         // Samples of a large picture take long: how good it is, is said as soon as it is known.
-        let is_news = complete && grown || self.measured.is_none() && layer.rendering.is_measured();
+        let is_first_told = !self.told_early
+            && self.measured.is_none()
+            && layer.rendering.is_measured()
+            // A picture that is half of the light before an edit has no error to tell.
+            && layer.rendering.passes() > self.relit_at_passes;
+        let is_news = complete && grown || is_first_told;
         is_news && since >= REFINED_SECONDS_MIN || complete && since >= SENT_SECONDS_MAX
     }
 

@@ -236,7 +236,7 @@ impl Measuring {
                 continue;
             }
             // Looked for anew when the film has twice the passes: it takes a look at every pixel.
-            if film.passes_min() >= 2 * self.expected.0.max(1) {
+            if self.expected.1.is_empty() || film.passes_min() >= 2 * self.expected.0 {
                 self.expected = (film.passes_min(), expected_error(film));
             }
             let maps = self.hidden.as_ref().map_or([None, None], HiddenHalves::maps);

@@ -387,11 +387,12 @@ impl Rendering {
             return progress;
         }
         let is_first = self.film.passes_min() == 0;
+        let before = self.counts;
         // Whoever looks at a large picture in slices of time is not to wait for the end of its second pass.
         if !is_first && !self.is_whole() {
             self.keep_measuring_up(cancel);
         }
-        let (start, before, spent_before) = (Instant::now(), self.counts, self.spent_rays());
+        let (start, spent_before) = (Instant::now(), self.spent_rays());
         let progress = match self.turn() {
             Turn::LookedUp => self.draw(cancel),
             Turn::Traced => self.trace(cancel),

@@ -126,6 +126,14 @@ impl Gaze {
         self.walks_again = 0;
         self.is_covered = false;
     }
+
+    /// Walks over every pixel once more.
+    fn walk_again(&mut self, shrunk_before: u64) {
+        self.walk = Walk::over_all(self.size);
+        self.shrunk_before = shrunk_before;
+        self.walks_again += 1;
+        self.is_covered = false;
+    }
 }
 
 impl IrradianceCaching {
@@ -248,6 +256,8 @@ impl IrradianceCaching {
             }),
         }
         self.may_drop = !self.places.is_empty();
+        // What is made for it may take pixels from others as often again.
+        self.gazes.iter_mut().for_each(|gaze| gaze.walks_again = 0);
         true
     }
 
@@ -426,13 +436,23 @@ impl IrradianceCaching {
         let is_last_round = self.round + 1 == ROUNDS.len();
         let has_lost = self.cache.shrunk_count > gaze.shrunk_before;
         if is_last_round && has_lost && gaze.walks_again < WALKS_AGAIN_MAX {
-            gaze.walk = Walk::over_all(gaze.size);
-            gaze.shrunk_before = self.cache.shrunk_count;
-            gaze.walks_again += 1;
+            gaze.walk_again(self.cache.shrunk_count);
         } else if !is_last_round {
             self.go_finer();
         } else {
             gaze.is_covered = true;
+            self.look_again_at_what_shrank();
+        }
+    }
+
+    /// Others whose pixels were covered look again where the records that were made here count less far now.
+    fn look_again_at_what_shrank(&mut self) {
+        let shrunk_count = self.cache.shrunk_count;
+        let has_lost = |gaze: &&mut Gaze| {
+            gaze.is_covered && shrunk_count > gaze.shrunk_before && gaze.walks_again < WALKS_AGAIN_MAX
+        };
+        for gaze in self.gazes.iter_mut().filter(has_lost) {
+            gaze.walk_again(shrunk_count);
         }
     }
 

@@ -6,7 +6,7 @@
 //! line and lower than where it was hit is hidden. On the inside of a vault, where the lowest rays meet the vault itself, what lies
 //! beyond them lies higher, and is not.
 
-use std::f32::consts::TAU;
+use std::f32::consts::{SQRT_2, TAU};
 
 use glam::{Vec2, Vec3};
 
@@ -16,15 +16,21 @@ const SECTORS: usize = 12;
 const BINS: usize = 2 * SECTORS;
 /// Cosine to the normal up to which a ray is a low one: a sixth of those of a hemisphere are.
 const LOW_COS: f32 = 0.408;
-/// Steps of a length's logarithm to an octave.
-const PER_OCTAVE: f32 = 16.0;
-/// Nothing was met, or farther than codes go. It counts as so far away.
+/// Steps of a length to an octave, 2 to the power of sixteenths: a wall is taken to stand nearer than it does by a twenty-third of its
+/// distance at most.
+#[rustfmt::skip]
+const STEPS: [f32; 16] = [
+    1.0, 1.044274, 1.090508, 1.138789, 1.189207, 1.241858, 1.29684, 1.354256,
+    SQRT_2, 1.476826, 1.542211, 1.61049, 1.681793, 1.756252, 1.834008, 1.915207,
+];
+const PER_OCTAVE: f32 = STEPS.len() as f32;
+/// Nothing was met, or farther than codes go.
 const ENDLESS: u8 = u8::MAX;
 /// Rise of the highest code, and a little more than that of any low ray.
 const RISE_MAX: f32 = 0.45;
 /// Between two directions a wall may come nearer than in either, by so much: cos (π / 12), rounded down.
 const BETWEEN: f32 = 0.965;
-/// Two hits with more than this between their directions are not joined, rad.
+/// Two hits with more than this between their directions are not joined, rad: in a corner they are of two walls.
 const GAP_MAX: f32 = 0.25 * TAU;
 /// A wall goes on beyond the last that was met of it by so much, rad: hardly more than the half of a sector.
 const LENGTHENED: f32 = 0.05 * TAU;
@@ -85,6 +91,10 @@ impl LowHits {
             return;
         };
         let at = along * distance_m;
+        // What a ray set out from stands on no side of it.
+        if !(at.length_squared() > 0.0) {
+            return;
+        }
         let is_nearer = match bin {
             Bin::Met { at: other, .. } => at.length_squared() < other.length_squared(),
             _ => true,
@@ -227,12 +237,26 @@ impl Horizon {
         if way.z >= f32::from(rise) / f32::from(u8::MAX) * RISE_MAX * along_m {
             return false;
         }
-        let [a, b] = [sector, next].map(|sector| direction_of(sector) * self.way_m(sector));
-        (b - a).perp_dot(along - a) < 0.0
+        let [towards_a, towards_b] = [sector, next].map(direction_of);
+        // On the far side of the edge from one to the other; where there is no other, of the line towards it.
+        match [sector, next].map(|sector| self.way_m(sector)) {
+            [Some(a_m), Some(b_m)] => {
+                let a = towards_a * a_m;
+                (towards_b * b_m - a).perp_dot(along - a) < 0.0
+            }
+            [Some(a_m), None] => towards_b.perp_dot(along - towards_a * a_m) < 0.0,
+            [None, Some(b_m)] => towards_a.perp_dot(along - towards_b * b_m) > 0.0,
+            [None, None] => false,
+        }
     }
 
-    fn way_m(&self, sector: usize) -> f32 {
-        self.nearest_m / BETWEEN * (f32::from(self.ways[sector]) / PER_OCTAVE).exp2()
+    /// Open way in a direction; `None`: without end.
+    #[inline]
+    fn way_m(&self, sector: usize) -> Option<f32> {
+        let code = self.ways[sector];
+        let octaves = f32::from_bits((u32::from(code) / STEPS.len() as u32 + 127) << 23);
+        let way_m = || self.nearest_m / BETWEEN * octaves * STEPS[usize::from(code) % STEPS.len()];
+        (code != ENDLESS).then(way_m)
     }
 }
 
@@ -322,6 +346,39 @@ mod tests {
         let mut hits = LowHits::NONE;
         hits.add(Vec3::new(0.8, 0.0, 0.6), Some(1.0));
         assert!(everywhere(hits.horizon()));
+    }
+
+    /// What lies to the open side is seen from however near the wall on the other.
+    #[test]
+    fn one_wall_hides_one_side() {
+        for distance_m in [1e-6, 1e-3, 1.0] {
+            let horizon = before_wall(distance_m, 0.3, 38).horizon();
+            for index in 0..1_000 {
+                let [turned, way, ..] = point(35, index);
+                let angle = 0.3 + TAU * (0.3 + 0.4 * turned);
+                let way_m = 10f32.powf(12.0 * way - 6.0);
+                assert!(
+                    !horizon.hides((Vec2::from_angle(angle) * way_m).extend(0.0)),
+                    "{way_m} m at {angle}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn steps_are_powers() {
+        for (step, value) in STEPS.iter().enumerate() {
+            assert!((value - (step as f32 / PER_OCTAVE).exp2()).abs() < 1e-6);
+        }
+        let nearest_m = BETWEEN * 3.0;
+        let mut ways = [ENDLESS; SECTORS];
+        ways[..3].copy_from_slice(&[0, 17, 254]);
+        let horizon = Horizon { nearest_m, ways, ..Horizon::OPEN };
+        for (sector, octaves) in [0.0, 17.0 / 16.0, 254.0 / 16.0].into_iter().enumerate() {
+            let way_m = horizon.way_m(sector).unwrap();
+            assert!((way_m / (3.0 * f32::exp2(octaves)) - 1.0).abs() < 1e-5, "{way_m}");
+        }
+        assert_eq!(horizon.way_m(3), None);
     }
 
     #[test]

@@ -68,7 +68,8 @@ pub struct IrradianceSettings {
 /// Rougher records reach over so many times as many pixels at most, however much farther they count by what they see: over
 /// more, what is small is smoothed away (the dragon at 2 s: 6.0 % with four times, 5.2 % with two).
 const PIXELS_GROWTH_MAX: f32 = 2.0;
-/// What was first seen from far is covered no more for who looks at it from so many times nearer.
+/// What was first seen from far is covered no more for who looks at it from so many times nearer: with less, the near and the far end of
+/// one floor would ask for records of their own all over.
 const PIXELS_COARSER_MAX: f32 = 2.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
@@ -208,7 +209,9 @@ impl IrradianceCache {
             let near = self.index.around(record.position);
             let near: Vec<u32> = near.filter(|place| is_beside(&self.records[*place as usize])).collect();
             for place in &near {
-                record.clamp_to(&self.records[*place as usize], accuracy);
+                let other = &self.records[*place as usize];
+                record.clamp_to(other, accuracy);
+                record.clamp_to_nearer_sight(other);
             }
             for place in near {
                 // Its entries in the index reach as far as before, which is too far and does no harm.

@@ -35,7 +35,7 @@ pub struct Record {
     pub irradiance: Rgb,
     /// Harmonic mean distance to what is seen from here, or less where neighbours or gradients ask for it, m.
     pub radius_m: f32,
-    /// It counts as far as this at least, m: about a pixel's width where it was first seen.
+    /// It counts as far as this at least, m: over some pixels of where it was first seen, or fewer where neighbours were seen from nearer.
     pub reach_min_m: f32,
     /// To be multiplied by (this normal × that normal), W/m².
     pub turning: Gradient,
@@ -133,7 +133,8 @@ impl Record {
         self.radius_m = self.radius_m.min(neighbour.reach_m(accuracy) / accuracy + away_m);
     }
 
-    /// Makes it count over no more pixels of who looked nearer, and made a record there.
+    /// Makes it count no farther, by the pixels of its first sight, than a neighbour that was seen from nearer lets it: over twice that one's
+    /// pixels, and the way between them.
     pub(super) fn clamp_to_nearer_sight(&mut self, neighbour: &Record) {
         let away_m = self.position.distance(neighbour.position);
         self.reach_min_m = self.reach_min_m.min(PIXELS_COARSER_MAX * neighbour.reach_min_m + away_m);

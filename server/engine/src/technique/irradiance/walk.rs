@@ -21,7 +21,8 @@ const CHUNKS_MAX: usize = 8;
 /// Pixels of a batch lie at least so many strides apart.
 const APART_STRIDES: u32 = 3;
 
-/// Share of the scene's radius that a pixel is taken to be wide at most.
+/// Share of the scene's radius that a pixel is taken to be wide at most: the last records then count over a tenth of it, rough ones over a
+/// fifth.
 const PIXEL_MAX: f32 = 0.025;
 
 /// A surface that a pixel sees, where it may need a record.
