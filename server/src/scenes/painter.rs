@@ -250,12 +250,9 @@ impl Painter {
             return Task::Nothing;
         }
         let film = self.films.get(&viewer.id());
-        let rate = wish.quality.frames_per_second_max.min(self.scene.workshop.config.frames_per_second);
-        let earliest = |film: &ViewerFilm| {
-            // At most a day, for rates near zero.
-            let interval = Duration::from_secs_f64((1.0 / f64::from(rate)).min(86_400.0));
-            film.shown.map(|shown| shown.at + interval).filter(|at| *at > Instant::now())
-        };
+        let interval = self.interval_of(wish);
+        let earliest =
+            |film: &ViewerFilm| film.shown.map(|shown| shown.at + interval).filter(|at| *at > Instant::now());
         let Some(film) = film else { return Task::Start };
         let task = match (&film.layer, film.key == self.key_of(wish, snapshot, Some(film))) {
             (Some(layer), true) => {
@@ -269,6 +266,13 @@ impl Painter {
             (Task::Start | Task::Resend, Some(at)) => Task::Later(at),
             (task, _) => task,
         }
+    }
+
+    /// Between two pictures of a viewer, at least.
+    fn interval_of(&self, wish: &Wish) -> Duration {
+        let rate = wish.quality.frames_per_second_max.min(self.scene.workshop.config.frames_per_second);
+        // At most a day, for rates near zero.
+        Duration::from_secs_f64((1.0 / f64::from(rate)).min(86_400.0))
     }
 
     /// All is known of its light, and it is drawn with that.
@@ -495,7 +499,9 @@ impl Painter {
             if self.pass(&mut next.rendering, film, cut) {
                 film.layer = Some(next);
                 (film.offer_at_passes, film.relit_at_passes) = (0, 0);
-                self.offer(viewer, film, wish, snapshot);
+                if film.may_show(self.interval_of(wish)) {
+                    self.offer(viewer, film, wish, snapshot);
+                }
             } else {
                 film.climb = Some(next);
             }
@@ -505,7 +511,7 @@ impl Painter {
         let is_decided = wish.target_error > 0.0 && self.is_lit(film);
         layer.rendering.aim_at(is_decided.then_some(wish.target_error));
         let complete = self.pass(&mut layer.rendering, film, cut);
-        let is_due = film.is_due(&layer, complete);
+        let is_due = film.is_due(&layer, complete) && film.may_show(self.interval_of(wish));
         film.layer = Some(layer);
         if is_due {
             film.told_early |= !complete;

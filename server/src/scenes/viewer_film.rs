@@ -14,7 +14,7 @@ use lumicast_engine::render::{Indirect, Learnt, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{ConvergencePoint, Stats};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Passes before a measured error is believed: four in each of the two halves.
 const PASSES_BELIEVED: u32 = 8;
@@ -248,6 +248,11 @@ impl ViewerFilm {
                 && rest.is_lit
                 && passes >= self.relit_at_passes + PASSES_RELIT
                 && (reached || passes >= rest.samples_max)
+    }
+
+    /// So long ago was the last picture shown, or none was.
+    pub(super) fn may_show(&self, interval: Duration) -> bool {
+        self.shown.is_none_or(|shown| shown.at.elapsed() >= interval)
     }
 
     /// Whether a refined picture is worth sending.
