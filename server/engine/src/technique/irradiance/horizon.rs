@@ -26,6 +26,11 @@ const STEPS: [f32; 16] = [
 const PER_OCTAVE: f32 = STEPS.len() as f32;
 /// Nothing was met, or farther than codes go.
 const ENDLESS: u8 = u8::MAX;
+/// In the code of a sector's first rise: what stands in the sector ends there.
+const SILHOUETTE: u8 = 0x80;
+/// Sine of the angle by which a wall that is found from hits seems to turn at most.
+const STRAIGHT_SIN: f32 = 0.17;
+const RISE_CODE_MAX: u8 = SILHOUETTE - 1;
 /// Rise of the highest code, and a little more than that of any low ray.
 const RISE_MAX: f32 = 0.45;
 /// Between two directions a wall may come nearer than in either, by so much: cos (π / 12), rounded down.
@@ -42,7 +47,7 @@ pub(super) struct Horizon {
     nearest_m: f32,
     /// Open way in each direction over the shortest, in steps of its logarithm, rounded down.
     ways: [u8; SECTORS],
-    /// Rise over way of what was met there, rounded down.
+    /// Rise over way of what was met there, rounded down; and whether what stands between there and the next direction ends.
     rises: [u8; SECTORS],
 }
 
@@ -133,13 +138,15 @@ impl LowHits {
         };
         let rise = |met: &Option<(f32, f32)>| {
             // Lower than everything: what has no height hides nothing, and what is met has some.
-            met.map_or(u8::MAX, |(_, rise)| ((rise / RISE_MAX * f32::from(u8::MAX)) as u8).max(1))
+            met.map_or(RISE_CODE_MAX, |(_, rise)| ((rise / RISE_MAX * f32::from(RISE_CODE_MAX)) as u8).max(1))
         };
-        Horizon {
-            nearest_m: BETWEEN * shortest_m,
-            ways: open.each_ref().map(way),
-            rises: open.each_ref().map(rise),
+        let edges: [Option<Vec2>; SECTORS] =
+            std::array::from_fn(|sector| open[sector].map(|(way_m, _)| direction_of(sector) * way_m));
+        let mut rises = open.each_ref().map(rise);
+        for (sector, rise) in rises.iter_mut().enumerate() {
+            *rise |= if ends_in(&edges, sector) { SILHOUETTE } else { 0 };
         }
+        Horizon { nearest_m: BETWEEN * shortest_m, ways: open.each_ref().map(way), rises }
     }
 }
 
@@ -163,6 +170,24 @@ fn way_between(direction: Vec2, angle: f32, before: &Nearest, after: &Nearest) -
         _ => None,
     });
     met.min_by(|a, b| a.2.total_cmp(&b.2)).map(|(way_m, rise, _)| (way_m, rise))
+}
+
+/// In a sector what stands there ends, and farther things are seen beside it: at the nearer of its two ends the line that joins all of them
+/// turns away from the middle.
+fn ends_in(edges: &[Option<Vec2>; SECTORS], sector: usize) -> bool {
+    let at = |offset: usize| edges[(sector + offset) % SECTORS];
+    let turns_away = |from: Vec2, by: Vec2, to: Vec2| {
+        let (before, after) = (by - from, to - by);
+        before.perp_dot(after) < -STRAIGHT_SIN * before.length() * after.length()
+    };
+    match (at(0), at(1)) {
+        (None, None) => false,
+        (Some(a), Some(b)) if a.length_squared() <= b.length_squared() => {
+            at(SECTORS - 1).is_none_or(|before| turns_away(before, a, b))
+        }
+        (Some(a), Some(b)) => at(2).is_none_or(|after| turns_away(a, b, after)),
+        _ => true,
+    }
 }
 
 fn angle_of(at: Vec2) -> f32 {
@@ -214,7 +239,7 @@ fn sector_of(way: Vec2) -> usize {
 impl Horizon {
     /// Nothing stands anywhere.
     pub(super) const OPEN: Horizon =
-        Horizon { nearest_m: f32::INFINITY, ways: [ENDLESS; SECTORS], rises: [u8::MAX; SECTORS] };
+        Horizon { nearest_m: f32::INFINITY, ways: [ENDLESS; SECTORS], rises: [RISE_CODE_MAX; SECTORS] };
 
     /// Nothing is hidden up to here, m.
     #[inline]
@@ -233,21 +258,20 @@ impl Horizon {
         }
         let sector = sector_of(along);
         let next = (sector + 1) % SECTORS;
-        let rise = self.rises[sector].min(self.rises[next]);
-        if way.z >= f32::from(rise) / f32::from(u8::MAX) * RISE_MAX * along_m {
+        let rise = (self.rises[sector] & RISE_CODE_MAX).min(self.rises[next] & RISE_CODE_MAX);
+        if way.z >= f32::from(rise) / f32::from(RISE_CODE_MAX) * RISE_MAX * along_m {
             return false;
         }
-        let [towards_a, towards_b] = [sector, next].map(direction_of);
-        // On the far side of the edge from one to the other; where there is no other, of the line towards it.
-        match [sector, next].map(|sector| self.way_m(sector)) {
-            [Some(a_m), Some(b_m)] => {
-                let a = towards_a * a_m;
-                (towards_b * b_m - a).perp_dot(along - a) < 0.0
-            }
-            [Some(a_m), None] => towards_b.perp_dot(along - towards_a * a_m) < 0.0,
-            [None, Some(b_m)] => towards_a.perp_dot(along - towards_b * b_m) > 0.0,
-            [None, None] => false,
+        let ways_m = [sector, next].map(|sector| self.way_m(sector));
+        if self.rises[sector] & SILHOUETTE != 0 {
+            // Where it ends is not known to a sector: what is seen beside it is left to who is nearer.
+            let nearer_m = ways_m.into_iter().flatten().fold(f32::INFINITY, f32::min);
+            return along_m > nearer_m;
         }
+        // On the far side of the edge from one to the other.
+        let [Some(a_m), Some(b_m)] = ways_m else { return false };
+        let (a, b) = (direction_of(sector) * a_m, direction_of(next) * b_m);
+        (b - a).perp_dot(along - a) < 0.0
     }
 
     /// Open way in a direction; `None`: without end.
@@ -363,6 +387,40 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Beside the end of a wall, where its rays go on, a record hardly counts behind the wall.
+    #[test]
+    fn walls_hide_up_to_their_ends() {
+        let (mut leaked, mut behind) = (0, 0);
+        for index in 0..200 {
+            let [towards, end, ..] = point(36, index);
+            let (towards, end) = (TAU * towards, 1.5 * end - 0.5);
+            let turned = Vec2::from_angle(towards);
+            let mut hits = LowHits::NONE;
+            for ray in 0..38 {
+                let [u, v, ..] = point(37 + u64::from(index), ray);
+                let cos = (v * 0.17).sqrt();
+                let along = Vec2::from_angle(TAU * (ray as f32 + u) / 38.0) * (1.0 - cos * cos).sqrt();
+                let local = Vec2::from_angle(-towards).rotate(along);
+                // A wall at x = 1 up to y = `end`, and one at x = 6 behind it.
+                let meets = |x: f32| (local.x > 0.0).then(|| x / local.x);
+                let before = meets(1.0).filter(|way| way * local.y < end);
+                hits.add(along.extend(cos), before.or(meets(6.0)));
+            }
+            let horizon = hits.horizon();
+            for number in 0..200 {
+                let [depth, across, ..] = point(38, number);
+                // What the wall hides of the first two metres behind it.
+                let (depth, across) = (1.01 + 2.0 * depth, 5.0 * across - 4.0);
+                if across / depth < end {
+                    behind += 1;
+                    let at = turned.rotate(Vec2::new(depth, across));
+                    leaked += u32::from(!horizon.hides(at.extend(0.0)));
+                }
+            }
+        }
+        assert!(behind > 10_000 && leaked * 50 < behind, "{leaked} of {behind}");
     }
 
     #[test]
