@@ -366,7 +366,7 @@ fn records_are_named_by_their_place() {
     assert_ne!(a.irradiance, record(&world, 0.31, 0.3, Vec3::Y, 100, &painted).irradiance);
 }
 
-/// Fewer bytes than the 256 that a record may take, what its rays saw among them.
+/// No more than the 256 bytes that a record may take, what its rays saw among them.
 #[test]
 fn a_record_is_small() {
     let with_bound = size_of::<Record>() + size_of::<sight::Sight>();
