@@ -84,6 +84,24 @@ async fn a_converged_picture_is_lossless_and_then_all_is_quiet() {
     server.stop().await;
 }
 
+/// No more pictures a second than asked for, also while one is refined: load can only make them fewer.
+#[tokio::test]
+async fn pictures_keep_to_the_rate_asked_for() {
+    let server = Server::start(|_| {}).await;
+    let mut viewer = server.viewer().await;
+    viewer.say(json!({"type": "quality", "frames_per_second_max": 4})).await;
+    viewer.say(json!({"type": "accuracy", "target_error": 0})).await;
+    viewer.camera("main", SMALL).await;
+    viewer.frame().await;
+    let started = Instant::now();
+    for _ in 0..6 {
+        viewer.frame().await;
+    }
+    // Six pauses, but for what the first picture waited on its way.
+    assert!(started.elapsed().as_secs_f64() > 5.0 / 4.0, "{:?}", started.elapsed());
+    server.stop().await;
+}
+
 /// Float pictures are radiance, PNG ones are PNG, as asked for.
 #[tokio::test]
 async fn the_codec_is_the_one_asked_for() {

@@ -3,7 +3,7 @@
 //! A record counts over a sphere, and where that is wider than what the record is close to (over pixels, where it is rough, or because
 //! one wall is near and all others far) it reaches through walls into the room behind them. Its own lowest rays say where they stand:
 //! hits of neighbouring directions are joined by straight lines, as a wall is seen from above, and what lies beyond the
-//! line and lower than where it was hit is hidden. On the inside of a vault, where the lowest rays meet the vault itself, what lies
+//! line and lower than where it was hit is hidden. Where a wall ends all that is farther in that sector is. On the inside of a vault, where the lowest rays meet the vault itself, what lies
 //! beyond them lies higher, and is not.
 
 use std::f32::consts::{SQRT_2, TAU};
@@ -291,7 +291,7 @@ mod tests {
 
     /// Low rays of which a wall stops some.
     ///
-    /// - `wall`: its distance and the direction that it is in, rad
+    /// - `towards`: the direction that it is in, rad
     fn before_wall(distance_m: f32, towards: f32, count: u32) -> LowHits {
         let mut hits = LowHits::NONE;
         for index in 0..count {
