@@ -187,7 +187,6 @@ impl Painter {
             }
             _ => LEARNING_FOR_OTHERS,
         };
-
         let slice = if is_moving {
             least
         } else {
@@ -511,9 +510,15 @@ impl Painter {
         let is_decided = wish.target_error > 0.0 && self.is_lit(film);
         layer.rendering.aim_at(is_decided.then_some(wish.target_error));
         let complete = self.pass(&mut layer.rendering, film, cut);
-        let is_due = film.is_due(&layer, complete) && film.may_show(self.interval_of(wish));
+        let is_due = film.is_due(&layer, complete);
+        let may_show = film.may_show(self.interval_of(wish));
+        if is_due && !may_show && layer.rendering.passes() >= film.offer_at_passes {
+            // Whoever wants few pictures rests as early as others.
+            film.measured = self.scene.workshop.drawing_pool.install(|| layer.rendering.measured_error());
+            film.offer_at_passes = next_offer_after(layer.rendering.passes());
+        }
         film.layer = Some(layer);
-        if is_due {
+        if is_due && may_show {
             film.told_early |= !complete;
             self.offer(viewer, film, wish, snapshot);
         }
