@@ -257,11 +257,12 @@ fn edit(world: World, settings: PhotonSettings) {
             let counts = tracing.edit_counts();
             let kept = building.octree().map(|octree| octree.counts()).unwrap_or_default();
             println!(
-                "- moving a small box: {} of {} paths withdrawn ({:.2} %); photons {:.1} ms, their maps {:.1} ms, octree \
+                "- moving a small box: {} of {} paths held against it, {} withdrawn ({:.2} %); photons {:.1} ms, their maps {:.1} ms, octree \
                  of depth 6 {:.1} ms ({} of {} groups gathered)",
-                counts.withdrawn,
                 counts.tested,
-                100.0 * counts.withdrawn as f64 / counts.tested.max(1) as f64,
+                counts.paths,
+                counts.withdrawn,
+                100.0 * counts.withdrawn as f64 / counts.paths.max(1) as f64,
                 1e3 * again,
                 1e3 * mapped,
                 1e3 * built,

@@ -370,7 +370,8 @@ fn edits_leave_what_a_fresh_build_would_make() {
             kept.apply(&Edit { before: &world, after: &next, change: &change });
             world = next;
             let counts = kept.photons.edit_counts();
-            withdrawn_share += counts.withdrawn as f64 / counts.tested.max(1) as f64 / f64::from(edits);
+            withdrawn_share += counts.withdrawn as f64 / counts.paths.max(1) as f64 / f64::from(edits);
+            assert!(counts.withdrawn <= counts.tested && counts.tested <= counts.paths, "{counts:?}");
             if dice.throw()[0] < 0.3 {
                 // The next edit comes in the middle of the work.
                 for _ in 0..dice.below(3) {
@@ -526,7 +527,7 @@ fn rounds_end_in_the_same_light() {
         kept.apply(&Edit { before: &world, after: &next, change: &change });
         world = next;
         let counts = kept.edit_counts();
-        assert_eq!(name == "large", counts.traced > counts.tested / 5, "{name}: {counts:?}");
+        assert_eq!(name == "large", counts.traced > counts.paths / 5, "{name}: {counts:?}");
         complete(&mut kept, &world);
         let mut fresh = Illumination::new(settings);
         complete(&mut fresh, &world);

@@ -425,6 +425,7 @@ impl Building {
             let place = walls.len() as u32;
             walls.extend(light.walls);
             sets.push(LeafSet {
+                sheet: set.normal.extend(set.normal.dot(set.centre)),
                 first_vdl: first,
                 end_vdl: vdls.len() as u32,
                 first_block,
@@ -444,8 +445,6 @@ impl Building {
         let has_caustics =
             !harmonics.is_empty() || sets.iter().any(|set: &LeafSet| set.first_vdl[1] < set.end_vdl);
         let sheet_m = SHEET_CELLS * self.voxels.cube.cell_m();
-        let sheet_of = |set: &VoxelSet| set.normal.extend(set.normal.dot(set.centre));
-        let sheets = self.voxels.sets.iter().map(sheet_of).collect();
         let nodes = Nodes::over(&self.voxels.codes, self.voxels.cube.depth);
         LightOctree {
             settings: self.settings,
@@ -455,7 +454,6 @@ impl Building {
             per_sheet_m2: 1.0 / (sheet_m * sheet_m),
             nodes,
             sets,
-            sheets,
             gathers,
             walls,
             vdls,

@@ -6,7 +6,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::{IVec3, Vec3};
 
 use super::{
-    CARD, Harmonics, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
+    CARD, Harmonics, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
     lights::{Irradiance, Lights, ShadedVdl, Softness, blocks_of},
 };
@@ -65,21 +65,34 @@ impl LightOctree {
         // Far outside is as good as outside.
         let at =
             ((p - cube.low) / cube.cell_m() - 0.5).clamp(Vec3::splat(-4.0), Vec3::splat(cells as f32 + 4.0));
-        let base = at.floor();
-        let fraction = at - base;
-        let base = base.as_ivec3();
+        // Rounds down without the call that it is where the processor has no instruction for it.
+        let cut = at.as_ivec3();
+        let base = cut - IVec3::select(at.cmplt(cut.as_vec3()), IVec3::ONE, IVec3::ZERO);
+        let fraction = at - base.as_vec3();
+        let shares = [1.0 - fraction, fraction];
         let inside = |cell: IVec3| cell.clamp(IVec3::ZERO, IVec3::splat(cells - 1)).as_uvec3();
+        let is_inside = base.cmpge(IVec3::ZERO).all() && base.cmplt(IVec3::splat(cells - 1)).all();
         let Some(place) = self.nodes.common(inside(base), inside(base + 1)) else { return around };
-        let mut total = 0.0;
+        // First where to look, then what is there: a look-up waits for memory, and so it waits for all at once.
+        let mut leaves = [(0.0, 0); 8];
+        let mut leaf_count = 0;
         for corner in 0..8 {
             let offset = IVec3::new(corner & 1, corner >> 1 & 1, corner >> 2);
-            let share = Vec3::select(offset.cmpeq(IVec3::ONE), fraction, 1.0 - fraction);
-            let weight = share.x * share.y * share.z;
+            let [x, y, z] = offset.to_array().map(|side| shares[side as usize]);
+            let weight = x.x * y.y * z.z;
             let cell = base + offset;
-            if weight <= 0.0 || cell.cmplt(IVec3::ZERO).any() || cell.cmpge(IVec3::splat(cells)).any() {
+            let is_out =
+                || !is_inside && (cell.cmplt(IVec3::ZERO).any() || cell.cmpge(IVec3::splat(cells)).any());
+            if weight <= 0.0 || is_out() {
                 continue;
             }
-            let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) else { continue };
+            if let Some(leaf) = self.nodes.leaf(place, cell.as_uvec3()) {
+                leaves[leaf_count] = (weight, leaf);
+                leaf_count += 1;
+            }
+        }
+        let mut total = 0.0;
+        for &(weight, leaf) in &leaves[..leaf_count] {
             let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
             // Of a group whose light is kept off by a wall only where there is no other.
             let weight = weight * share * self.sets[set].wall.share_at(p);
@@ -103,7 +116,7 @@ impl LightOctree {
         let range = self.voxels.places_of(leaf);
         let mut best = None;
         let mut best_score = f32::NEG_INFINITY;
-        for (place, sheet) in range.clone().zip(&self.sheets[range]) {
+        for (place, LeafSet { sheet, .. }) in range.clone().zip(&self.sets[range]) {
             let cos = sheet.dot(n.extend(0.0));
             if cos > LIKE_COS {
                 let off_m = sheet.dot(p.extend(-1.0));

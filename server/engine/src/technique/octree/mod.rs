@@ -141,8 +141,6 @@ pub struct LightOctree {
     per_sheet_m2: f32,
     nodes: Nodes,
     sets: Vec<LeafSet>,
-    /// Of each group the mean plane: its unit normal and how far along that from the origin it lies, m.
-    sheets: Vec<Vec4>,
     /// Of each group.
     gathers: Vec<LeafGather>,
     /// Walls around groups, in their order, of those that have any.
@@ -156,9 +154,12 @@ pub struct LightOctree {
     has_caustics: bool,
 }
 
-/// The light of the surfaces of a cell that face about one way.
+/// The light of the surfaces of a cell that face about one way: a line of the processor's cache, since look-ups go to many at random.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(align(64))]
 struct LeafSet {
+    /// Its mean plane: unit normal, and how far along it from the origin the plane lies, m.
+    sheet: Vec4,
     /// Where the lights of each class start.
     first_vdl: [u32; 2],
     end_vdl: u32,
@@ -213,7 +214,7 @@ impl LightOctree {
     /// Memory of nodes, cells, pieces of surface and lights.
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
-            + self.sets.len() * (size_of::<LeafSet>() + size_of::<Vec4>() + size_of::<LeafGather>())
+            + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
             + self.walls.len() * size_of::<NearWalls>()
             + self.vdls.len() * size_of::<Vdl>()
             + self.shaded.len() * size_of::<LightBlock>()
@@ -229,7 +230,6 @@ impl LightOctree {
             && self.voxels.codes == other.voxels.codes
             && self.voxels.first_set == other.voxels.first_set
             && self.sets == other.sets
-            && self.sheets == other.sheets
             && self.gathers == other.gathers
             && self.walls == other.walls
             && self.vdls == other.vdls

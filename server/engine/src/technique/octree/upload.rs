@@ -17,9 +17,9 @@ impl LightOctree {
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
-        let sets = self.sets.iter().zip(&self.sheets).enumerate().map(|(place, (set, sheet))| GpuLightSet {
-            normal: sheet.truncate().into(),
-            plane_m: sheet.w,
+        let sets = self.sets.iter().enumerate().map(|(place, set)| GpuLightSet {
+            normal: set.sheet.truncate().into(),
+            plane_m: set.sheet.w,
             first_vdl: set.first_vdl[0],
             first_caustic_vdl: set.first_vdl[1],
             end_vdl: set.end_vdl,

@@ -61,7 +61,10 @@ impl PhotonTracing {
             }
             let blocks = &photons.strata[stratum as usize];
             // All of its photons but the pilots carry another flux.
-            blocks.iter().skip(1).for_each(|block| self.stale.note(block, &Block::default(), &self.surfaces));
+            blocks
+                .iter()
+                .skip(1)
+                .for_each(|block| self.stale.note(block, &Block::default(), u64::MAX, &self.surfaces));
             let withdrawn = (0..blocks.len() as u32).map(|place| pending.remove(&name(stratum, place)));
             let withdrawn: Vec<u64> = withdrawn.map(Option::unwrap_or_default).collect();
             photons.thin_out(stratum, halvings);

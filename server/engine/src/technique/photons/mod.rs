@@ -11,6 +11,7 @@
 //! is biased, see there.
 
 mod guide;
+mod passed;
 mod paths;
 mod selective;
 mod sequence;
@@ -33,6 +34,7 @@ pub use self::{
 };
 
 use self::{
+    passed::CoarseGrid,
     paths::{Block, BlockName, SourcePhotons},
     trace::{PhotonTracer, TraceTally},
 };
@@ -182,13 +184,15 @@ impl PhotonTracing {
     fn begin(&mut self, world: &World) {
         let sources = world.sources();
         let counts = counts_of(&sources, self.settings.emitted_count);
-        let mut known = std::mem::take(&mut self.paths).sources.into_iter();
+        let known = std::mem::take(&mut self.paths);
+        let grid = if known.sources.is_empty() { CoarseGrid::over(world.accel()) } else { known.grid };
+        let mut known = known.sources.into_iter();
         let photons = sources.into_iter().zip(counts).map(|(source, count)| {
             let mut photons = SourcePhotons::new(source, self.settings.seed, count);
             known.by_ref().take(1).for_each(|fewer| photons.take_over(fewer));
             photons
         });
-        self.paths = PhotonPaths { sources: photons.collect() };
+        self.paths = PhotonPaths { sources: photons.collect(), grid };
         let unknown_of = |name: BlockName| self.paths.sources[name.source as usize].unknown_of(name);
         let blocks = self.paths.blocks().into_iter();
         self.pending = Some(blocks.map(unknown_of).filter(|(_, unknown)| *unknown != 0).collect());
@@ -205,19 +209,19 @@ impl PhotonTracing {
     /// Traces some of what is pending.
     fn trace_some(&mut self, world: &World) -> Counts {
         let some = self.take_pending(STEP_BLOCKS);
-        let tracer = PhotonTracer { world, bounces_max: self.settings.bounces_max };
         let paths = &self.paths;
-        let traced: Vec<(BlockName, Block, TraceTally)> = some
+        let tracer = PhotonTracer { world, grid: &paths.grid, bounces_max: self.settings.bounces_max };
+        let traced: Vec<(BlockName, u64, Block, TraceTally)> = some
             .into_par_iter()
             .map(|(name, which)| {
                 let (block, tally) = trace_block(&tracer, paths, name, which);
-                (name, block, tally)
+                (name, which, block, tally)
             })
             .collect();
         let (mut rays, mut piloted) = (0, Vec::new());
-        for (name, block, tally) in traced {
+        for (name, which, block, tally) in traced {
             let before = std::mem::replace(self.paths.block_mut(name), block);
-            self.stale.note(&before, self.paths.block(name), &self.surfaces);
+            self.stale.note(&before, self.paths.block(name), which, &self.surfaces);
             let tallies = &mut self.paths.sources[name.source as usize].tallies[name.stratum as usize];
             tallies[usize::from(name.place > 0)] += tally.flux;
             rays += tally.rays;
@@ -260,17 +264,19 @@ fn trace_block(
     let mut block = Block {
         paths: Vec::with_capacity(photons.numbers(name).count()),
         hits: Vec::with_capacity(before.hits.len()),
+        passed: Vec::with_capacity(photons.numbers(name).count()),
     };
     for (index, number) in photons.numbers(name).enumerate() {
-        let path = match before.paths.get(index) {
+        let (path, passed) = match before.paths.get(index) {
             Some(path) if which >> index & 1 == 0 => {
                 let first_hit = block.hits.len() as u32;
                 block.hits.extend_from_slice(before.hits_of(index));
-                PhotonPath { first_hit, ..*path }
+                (PhotonPath { first_hit, ..*path }, before.passed[index])
             }
             _ => tracer.trace(&photons.source, &photons.sequence, number, &mut block.hits, &mut tally),
         };
         block.paths.push(path);
+        block.passed.push(passed);
     }
     block.hits.shrink_to_fit();
     (block, tally)

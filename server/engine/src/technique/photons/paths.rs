@@ -1,12 +1,13 @@
 //! Photon paths as they are kept: every surface that a photon reached, so that it can be withdrawn with all its hits.
 //!
 //! Photons lie light by light, stratum by stratum, block by block, number by number: the order, and with it every byte,
-//! depends on nothing but the scene. A hit takes 36 bytes, a path 20.
+//! depends on nothing but the scene. A hit takes 36 bytes, a path 28.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
+    passed::CoarseGrid,
     sequence::{STRATA, Sequence, name_key},
     trace::FluxTally,
 };
@@ -141,6 +142,8 @@ impl PhotonPath {
 pub(super) struct Block {
     pub(super) paths: Vec<PhotonPath>,
     pub(super) hits: Vec<PhotonHit>,
+    /// `[paths]`: cells of [`PhotonPaths::grid`] that each passed.
+    pub(super) passed: Vec<u64>,
 }
 
 impl Block {
@@ -161,6 +164,7 @@ impl Block {
         if let Some(gone) = self.paths.get(count) {
             self.hits.truncate(gone.first_hit as usize);
             self.paths.truncate(count);
+            self.passed.truncate(count);
         }
     }
 
@@ -177,7 +181,9 @@ impl Block {
     }
 
     fn bytes(&self) -> usize {
-        self.paths.capacity() * size_of::<PhotonPath>() + self.hits.capacity() * size_of::<PhotonHit>()
+        self.paths.capacity() * size_of::<PhotonPath>()
+            + self.hits.capacity() * size_of::<PhotonHit>()
+            + self.passed.capacity() * size_of::<u64>()
     }
 }
 
@@ -312,6 +318,8 @@ impl SourcePhotons {
 #[derive(Clone, Debug, Default)]
 pub struct PhotonPaths {
     pub(super) sources: Vec<SourcePhotons>,
+    /// Of the scene that was looked at first.
+    pub(super) grid: CoarseGrid,
 }
 
 impl PhotonPaths {

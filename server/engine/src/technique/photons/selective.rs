@@ -28,7 +28,9 @@ use crate::{
 /// What an edit cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EditCounts {
-    /// Paths whose segments were held against the edit's bounds.
+    /// Paths there are.
+    pub paths: u64,
+    /// Paths whose segments were held against the edit's bounds: those that passed near them.
     pub tested: u64,
     /// Paths taken back because a segment met them.
     pub withdrawn: u64,
@@ -72,7 +74,9 @@ impl Stale {
     }
 
     /// Takes note of what a block lost and won.
-    pub(super) fn note(&mut self, before: &Block, after: &Block, surfaces: &Surfaces) {
+    ///
+    /// - `traced`: a bit for each path that was traced; the others stayed
+    pub(super) fn note(&mut self, before: &Block, after: &Block, traced: u64, surfaces: &Surfaces) {
         self.dirty = true;
         let Some(changed) = &mut self.changed else { return };
         let mut note = |hits: &[PhotonHit]| {
@@ -84,7 +88,8 @@ impl Stale {
                 }
             }
         };
-        for path in 0..before.paths.len().max(after.paths.len()) {
+        let all = 0..before.paths.len().max(after.paths.len());
+        for path in all.filter(|path| traced >> path & 1 == 1 || *path >= before.paths.len()) {
             let [lost, won] = [before, after].map(|block| block.hits_of_any(path));
             // Up to its first difference a path that was traced again went its old way: those hits are in the maps as they were.
             let same = lost.iter().zip(won).take_while(|(lost, won)| lost == won).count();
@@ -130,23 +135,33 @@ impl PhotonTracing {
             // All positions are relative to it.
             self.surfaces = Arc::default();
             self.begin(edit.after);
-            self.edit_counts = EditCounts { traced: self.paths.path_count(), ..EditCounts::default() };
+            self.edit_counts = EditCounts { paths: self.paths.path_count(), ..EditCounts::default() };
+            self.edit_counts.traced = self.edit_counts.paths;
             return;
         }
         let touched = TouchedBoxes::of(edit);
         let mut counts = self.take_over(edit.after);
         self.rename_instances(before, after);
         self.renew_surfaces(after);
-        counts.tested = self.paths.path_count();
-        let met: Vec<(BlockName, u64)> = self
+        counts.paths = self.paths.path_count();
+        let cells = self.paths.grid.touched(&touched);
+        let met: Vec<(BlockName, u64, u64)> = self
             .paths
             .blocks()
             .par_iter()
-            .map(|name| (*name, paths_meeting(self.paths.block(*name), &touched)))
-            .filter(|(_, paths)| *paths != 0)
+            .map(|name| {
+                let block = self.paths.block(*name);
+                let near = paths_passing(block, cells);
+                (*name, near, paths_meeting(block, near, &touched))
+            })
+            .filter(|(_, near, _)| *near != 0)
             .collect();
         if let Some(pending) = &mut self.pending {
-            for (name, paths) in met {
+            for (name, near, paths) in met {
+                counts.tested += u64::from(near.count_ones());
+                if paths == 0 {
+                    continue;
+                }
                 let known = pending.entry(name).or_default();
                 counts.withdrawn += u64::from((paths & !*known).count_ones());
                 *known |= paths;
@@ -258,7 +273,7 @@ impl PhotonTracing {
             .zip(&paths.sources)
             .flat_map(|(source, photons)| (0..photons.strata.len() as u32).map(move |s| (source, s)))
             .collect();
-        let tracer = PhotonTracer { world, bounces_max: self.settings.bounces_max };
+        let tracer = PhotonTracer { world, grid: &paths.grid, bounces_max: self.settings.bounces_max };
         let probed: Vec<((u32, u32), bool)> = groups
             .into_par_iter()
             .filter_map(|(source, stratum)| {
@@ -305,10 +320,20 @@ fn goes_its_way(
     (index < block.paths.len()).then(|| block.hits_of(index) == hits.as_slice())
 }
 
-/// A bit for every path of the block that has a segment in one of the boxes.
-fn paths_meeting(block: &Block, touched: &TouchedBoxes) -> u64 {
+/// A bit for every path of the block that passed one of some cells.
+fn paths_passing(block: &Block, cells: u64) -> u64 {
+    (0..)
+        .zip(&block.passed)
+        .fold(0, |passing, (index, passed)| passing | u64::from(passed & cells != 0) << index)
+}
+
+/// A bit for every path of some of the block that has a segment in one of the boxes.
+///
+/// - `near`: a bit for each that is to be looked at
+fn paths_meeting(block: &Block, near: u64, touched: &TouchedBoxes) -> u64 {
     let mut met = 0;
-    for (index, path) in block.paths.iter().enumerate() {
+    let paths = block.paths.iter().enumerate().filter(|(index, _)| near >> index & 1 == 1);
+    for (index, path) in paths {
         let mut from = path.start;
         let mut is_met = false;
         for hit in block.hits_of(index) {

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::{
+    passed::CoarseGrid,
     paths::{PhotonHit, PhotonPath},
     sequence::Sequence,
 };
@@ -15,6 +16,7 @@ use crate::{
 #[derive(Clone, Copy)]
 pub(super) struct PhotonTracer<'a> {
     pub(super) world: &'a World,
+    pub(super) grid: &'a CoarseGrid,
     /// Most surfaces that a photon reaches; `None`: until absorbed.
     pub(super) bounces_max: Option<u32>,
 }
@@ -97,7 +99,8 @@ impl Arriving {
 }
 
 impl PhotonTracer<'_> {
-    /// Traces photon `number` of `source`, adds its hits to `hits` and returns its path, whose hits start at `first_hit`.
+    /// Traces photon `number` of `source`, adds its hits to `hits` and returns its path, whose hits start at `first_hit`, and the
+    /// cells of the grid that it passed.
     pub(super) fn trace(
         &self,
         source: &Source,
@@ -105,10 +108,10 @@ impl PhotonTracer<'_> {
         number: u32,
         hits: &mut Vec<PhotonHit>,
         tally: &mut TraceTally,
-    ) -> PhotonPath {
+    ) -> (PhotonPath, u64) {
         let first_hit = hits.len() as u32;
         let Some(emitted) = self.world.emit(source, &sequence.emission(number)) else {
-            return PhotonPath::from(Vec3::ZERO, first_hit);
+            return (PhotonPath::from(Vec3::ZERO, first_hit), 0);
         };
         let mut journey = Journey {
             flight: Flight::begin(emitted.ray, emitted.weight),
@@ -117,20 +120,26 @@ impl PhotonTracer<'_> {
         };
         tally.flux.emitted += carried(&journey.flight);
         let mut path = PhotonPath::from(emitted.ray.origin, first_hit);
+        let (mut from, mut passed) = (emitted.ray.origin, 0);
         loop {
             if journey.bounce >= self.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END) {
                 tally.flux.cut_off += carried(&journey.flight);
-                return path;
+                return (path, passed);
             }
             tally.rays += 1;
             let Some(hit) = self.world.closest_hit(&journey.flight.ray) else {
                 tally.flux.escaped += carried(&journey.flight);
-                path.escape_towards(journey.flight.ray.direction);
-                return path;
+                let direction = journey.flight.ray.direction;
+                path.escape_towards(direction);
+                return (path, passed | self.grid.passed_towards(from, direction));
             };
             let numbers = sequence.four(journey.bounce + 1, number);
-            if !self.advance(&mut journey, &hit, &numbers, hits, tally) {
-                return path;
+            let goes_on = self.advance(&mut journey, &hit, &numbers, hits, tally);
+            let met = hits[hits.len() - 1].position;
+            passed |= self.grid.passed(from, met);
+            from = met;
+            if !goes_on {
+                return (path, passed);
             }
         }
     }

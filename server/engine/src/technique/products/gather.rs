@@ -437,6 +437,8 @@ impl Gather {
         let centre = bounds.centre.to_array();
         let within = map.tree.query(&centre).within::<SquaredEuclidean<f32>>(radius2);
         let side = side.index() as u32;
+        // Neighbours mostly lie on one plane.
+        let (mut normal, mut facing_cos) = (None, 0.0);
         for near in within.unsorted().execute() {
             let photon = &map.photons[near.item as usize];
             let distance2 = bounds.flattened_from(photon.position).length_squared();
@@ -447,7 +449,10 @@ impl Gather {
                 self.behind_count += 1;
                 continue;
             }
-            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
+            if normal != Some(photon.normal) {
+                normal = Some(photon.normal);
+                facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
+            }
             self.near.push(Near { distance2, side, item: near.item, facing_cos });
         }
     }

@@ -46,8 +46,13 @@ impl Touched {
 
     /// Around both.
     fn union(self, other: Touched) -> Touched {
-        let min = (self.middle - self.half).min(other.middle - other.half);
-        Touched::between(min, (self.middle + self.half).max(other.middle + other.half))
+        let ([low, high], [other_low, other_high]) = (self.corners(), other.corners());
+        Touched::between(low.min(other_low), high.max(other_high))
+    }
+
+    /// Its lowest and its highest corner.
+    pub fn corners(&self) -> [Vec3; 2] {
+        [self.middle - self.half, self.middle + self.half]
     }
 
     /// With so much room around it.
