@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use super::hidden::HiddenHalves;
+use super::{forecast::NOISE_POWER, hidden::HiddenHalves};
 use crate::{
     film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at, wants_more_pixels},
     math::Rgb,
@@ -550,12 +550,15 @@ impl Films {
     /// relMSE of the blend.
     pub(super) fn error(&self, outlook: &Outlook) -> f64 {
         let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
-        1.0 / (1.0 / own + self.traced / outlook.variance.max(f64::MIN_POSITIVE))
+        let variance = outlook.variance.max(f64::MIN_POSITIVE);
+        // As it was found, and from there on as noise.
+        let found = f64::from(outlook.traced_passes.max(1));
+        1.0 / (1.0 / own + found * (self.traced / found).powf(NOISE_POWER) / variance)
     }
 
     fn own_error(&self, outlook: &Outlook) -> f64 {
         let Shortfall { noise, floor, .. } = outlook.shortfall();
-        floor + noise * f64::from(outlook.kept_passes) / self.looked_up
+        floor + noise * (f64::from(outlook.kept_passes) / self.looked_up).powf(NOISE_POWER)
     }
 
     /// Goes on by passes of whichever film takes more off for each ray, or of looked-up light alone; returns the rays.
