@@ -534,7 +534,7 @@ mod tests {
     #[test]
     fn targets_may_change() {
         let mut forecasts = Forecasts::new(&[0.1, 0.02]);
-        (0..1000).for_each(|second| forecasts.goals[1].say([f64::from(second), 2000.0], true));
+        (0..1000).for_each(|second| _ = forecasts.goals[1].say([f64::from(second), 2000.0], true));
         assert!(forecasts.goals[1].open.len() <= OPEN_MAX);
         forecasts.aim(&[0.05, 0.02]);
         assert!(forecasts.goals[0].open.is_empty() && !forecasts.goals[1].open.is_empty());
