@@ -3,7 +3,7 @@
 use super::viewer_film::Layer;
 use crate::convert;
 use lumicast_engine::film::MeasuredError;
-use lumicast_engine::render::{Expected, ForecastRecord, Forecasts};
+use lumicast_engine::render::{Expected, ForecastRecord, Forecasts, ToLearn};
 use lumicast_protocol::{self as wire, Preset};
 
 /// Forecasts of one viewer's pictures.
@@ -23,8 +23,8 @@ pub(super) struct Look<'a> {
     pub(super) measured: Option<MeasuredError>,
     /// Seconds since its film restarted.
     pub(super) seconds: f64,
-    /// More is being learnt of its light.
-    pub(super) learns: bool,
+    /// What is still to be learnt of its light.
+    pub(super) to_learn: ToLearn,
     /// It rests at so many samples.
     pub(super) samples_max: u32,
     /// The viewer's own target, √relMSE; 0: none.
@@ -58,8 +58,13 @@ impl Foretold {
     pub(super) fn look(&mut self, look: Look<'_>) -> ForecastRecord {
         self.forecasts.aim(&Preset::errors_with((look.target > 0.0).then_some(look.target)));
         let rendering = &look.layer.rendering;
-        self.expected =
-            self.forecasts.look(look.seconds, rendering, look.measured, look.learns, Some(look.samples_max));
+        self.expected = self.forecasts.look(
+            look.seconds,
+            rendering,
+            look.measured,
+            look.to_learn,
+            Some(look.samples_max),
+        );
         let record = self.forecasts.record();
         record.since(std::mem::replace(&mut self.told, record))
     }

@@ -6,7 +6,7 @@
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::render::{
-    IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage,
+    IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage, ToLearn,
 };
 use lumicast_engine::scene::{CameraView, SceneChange};
 use lumicast_engine::technique::{Edit, SecondaryLight};
@@ -244,6 +244,11 @@ impl Lighting {
     /// All that is to be known is known.
     pub(super) fn is_complete(&self, key: LightKey) -> bool {
         self.lit.get(&key).is_some_and(|lit| lit.learner.stage() == Stage::Complete)
+    }
+
+    /// What is still to be learnt.
+    pub(super) fn to_learn(&self, key: LightKey) -> ToLearn {
+        self.lit.get(&key).map_or(ToLearn::Rounds, |lit| lit.learner.to_learn())
     }
 
     /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is

@@ -17,7 +17,7 @@ use super::viewer_film::{Aim, FilmKey, FilmMemory, Layer, Rest, Shown, Task, Vie
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::{Outdated, PictureSize};
-use lumicast_engine::render::{Learning, RenderSettings, Rendering};
+use lumicast_engine::render::{Learning, RenderSettings, Rendering, ToLearn};
 use lumicast_engine::technique::caustics::CausticSketch;
 use lumicast_protocol::{FrameHeader, PayloadCodec, PayloadKind, Problem, ProblemKind, View};
 use std::collections::HashMap;
@@ -279,6 +279,17 @@ impl Painter {
         film.key.light.is_none_or(|light| {
             self.lighting.is_complete(light) && film.light_generation == self.lighting.generation(light)
         })
+    }
+
+    /// What is still to be learnt of its light, or to be drawn with.
+    fn to_learn(&self, film: &ViewerFilm) -> ToLearn {
+        match film.key.light {
+            Some(light) if !self.is_lit(film) => match self.lighting.to_learn(light) {
+                ToLearn::Nothing => ToLearn::Records,
+                more => more,
+            },
+            _ => ToLearn::Nothing,
+        }
     }
 
     fn key_of(&self, wish: &Wish, snapshot: &Snapshot, film: Option<&ViewerFilm>) -> FilmKey {
@@ -606,7 +617,7 @@ impl Painter {
                 layer,
                 measured: film.measured,
                 seconds,
-                learns: !rest.is_lit,
+                to_learn: self.to_learn(film),
                 samples_max: film.samples_max(layer, rest),
                 target: wish.target_error,
             };

@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::{
-    Indirect, Remaining, RenderSettings, Rendering, all_paths,
+    Indirect, Remaining, RenderSettings, Rendering, ToLearn, all_paths,
     chain::{Measuring, Outlook, Spent},
     forecast::{self, Way},
     hidden::{HiddenFor, HiddenHalves, HiddenLight},
@@ -55,15 +55,20 @@ impl Rendering {
     /// What is left to do until the picture has an error (√relMSE); `None` where that cannot be told.
     ///
     /// - `measured`: its error now
-    /// - `learns`: others learn more of its light
-    pub fn remaining(&self, measured: &MeasuredError, target: f64, learns: bool) -> Option<Remaining> {
+    /// - `to_learn`: what others still learn of its light
+    pub fn remaining(&self, measured: &MeasuredError, target: f64, to_learn: ToLearn) -> Option<Remaining> {
         if measured.reaches(target) {
             return Some(Remaining::Nothing);
         }
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
+        let to_learn = match &self.learner {
+            Some(learner) => learner.to_learn(),
+            None => to_learn,
+        };
         match &self.outlook {
-            Some(outlook) if !learns && self.knows_its_light() => {
+            _ if to_learn == ToLearn::Rounds => None,
+            Some(outlook) if to_learn == ToLearn::Nothing => {
                 let measuring_share = match &self.measuring {
                     Some(measuring) => measuring.share_of_rays(),
                     None => self.settings.measuring.of_rays(),

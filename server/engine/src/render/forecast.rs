@@ -70,6 +70,18 @@ pub enum When {
     Unknown,
 }
 
+/// What is still to be learnt of a picture's light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ToLearn {
+    /// Nothing.
+    Nothing,
+    /// Records, one by one: the error falls steadily, about as noise does.
+    Records,
+    /// Rounds of photons: with each the error falls at once, nobody knows how far. Of forecasts from before the last round, for nine
+    /// views, one of five came true.
+    Rounds,
+}
+
 /// A target and when it will be reached.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expected {
@@ -166,14 +178,14 @@ impl Forecasts {
     ///
     /// - `now_s`: seconds since it was begun
     /// - `measured`: its error
-    /// - `learns`: more is being learnt of its light, by itself or by others
+    /// - `to_learn`: what others still learn of its light
     /// - `samples_max`: it ends at so many samples of every pixel
     pub fn look(
         &mut self,
         now_s: f64,
         rendering: &Rendering,
         measured: Option<MeasuredError>,
-        learns: bool,
+        to_learn: ToLearn,
         samples_max: Option<u32>,
     ) -> Vec<Expected> {
         let worked_s = now_s - self.begun_s;
@@ -188,7 +200,8 @@ impl Forecasts {
             if let Some(at_s) = goal.reached_s {
                 return Expected { target: goal.target, when: When::Reached { at_s } };
             }
-            let remaining = measured.and_then(|measured| rendering.remaining(&measured, goal.target, learns));
+            let remaining =
+                measured.and_then(|measured| rendering.remaining(&measured, goal.target, to_learn));
             let when = match (remaining, rate) {
                 (Some(Remaining::Nothing), _) => {
                     // Once and for all: who gives up a target later gives up nothing that came true.
@@ -429,7 +442,8 @@ mod tests {
             rendering.step(&AtomicBool::new(false));
             if rendering.passes() >= 2 && rendering.is_whole() {
                 let now_s = rendering.counts().all_rays() as f64 * 1e-6;
-                expected = forecasts.look(now_s, rendering, rendering.measured_error(), false, None);
+                expected =
+                    forecasts.look(now_s, rendering, rendering.measured_error(), ToLearn::Nothing, None);
             }
         }
         (forecasts, expected)

@@ -9,7 +9,8 @@ use std::{
 };
 
 use super::{
-    Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage, learning::RoundUnderWay,
+    Illumination, IlluminationSettings, Learning, Learnt, RenderSettings, Stage, ToLearn,
+    learning::RoundUnderWay,
 };
 #[cfg(feature = "gpu")]
 use crate::technique::{
@@ -251,6 +252,15 @@ impl Learner {
         match &self.records {
             Some(records) if records.is_complete() => Stage::Complete,
             _ => Stage::Rough,
+        }
+    }
+
+    /// What is still to be learnt, for all who look.
+    pub fn to_learn(&self) -> ToLearn {
+        match &self.illumination {
+            Some(illumination) if illumination.stage() != Stage::Complete => ToLearn::Rounds,
+            _ if self.stage() != Stage::Complete => ToLearn::Records,
+            _ => ToLearn::Nothing,
         }
     }
 

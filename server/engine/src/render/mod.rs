@@ -50,7 +50,7 @@ use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 #[cfg(feature = "gpu")]
 pub use backend::{BackendTrial, CardWork, CpuOnly};
 pub use chain::MeasuringShare;
-pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, When};
+pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, ToLearn, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
 

@@ -2,7 +2,7 @@
 
 use lumicast_engine::{
     film::MeasuredError,
-    render::{Expected, Forecasts, Rendering, When},
+    render::{Expected, Forecasts, Rendering, ToLearn, When},
 };
 use lumicast_protocol::{Forecast, ForecastRecord, Preset};
 
@@ -50,7 +50,8 @@ impl Outlook {
     fn look(&mut self, rendering: &Rendering, seconds: f64) {
         self.next_seconds = seconds + PAUSE_SECONDS.max(PAUSE_SHARE * seconds);
         self.measured = rendering.measured_error();
-        self.expected = self.forecasts.look(seconds, rendering, self.measured, false, self.samples_max);
+        self.expected =
+            self.forecasts.look(seconds, rendering, self.measured, ToLearn::Nothing, self.samples_max);
     }
 
     /// Looks at the finished picture; what should have come by now and has not was foretold wrongly.
