@@ -191,17 +191,18 @@ impl Extent {
         let mut sum = Facets::default();
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
+            // Most are too far away: that is asked first.
+            let from_middle = node.middle - bounds.centre;
+            if from_middle.length_squared() >= (radius_m + node.reach_m).powi(2) {
+                at = node.end as usize;
+                continue;
+            }
             let flattened_m = bounds.flattened_from(node.middle).length();
-            let away_m = node.middle.distance(bounds.centre);
             let facing = node.facing(bounds.normal, facing_cos);
             // What leans reaches farther in the flattened space, at most so many times.
             let reach_m = FLATNESS * node.reach_m;
-            let behind_m = bounds.walls.behind_m(node.middle - bounds.centre);
-            if facing == Facing::None
-                || behind_m >= node.reach_m
-                || away_m >= radius_m + node.reach_m
-                || flattened_m >= radius_m + reach_m
-            {
+            let behind_m = bounds.walls.behind_m(from_middle);
+            if facing == Facing::None || behind_m >= node.reach_m || flattened_m >= radius_m + reach_m {
                 at = node.end as usize;
             } else if facing == Facing::All
                 && behind_m <= -node.reach_m
