@@ -60,6 +60,9 @@ impl Rendering {
         if measured.reaches(target) {
             return Some(Remaining::Nothing);
         }
+        if self.is_at_its_best() && self.learner.is_some() {
+            return Some(Remaining::OutOfReach { error: measured.error() });
+        }
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
         let to_learn = match &self.learner {
@@ -67,7 +70,8 @@ impl Rendering {
             None => to_learn,
         };
         match &self.outlook {
-            _ if to_learn == ToLearn::Rounds => None,
+            // A round that does not end in time brings nothing more.
+            _ if to_learn == ToLearn::Rounds && !self.is_late() => None,
             Some(outlook) if to_learn == ToLearn::Nothing => {
                 let measuring_share = match &self.measuring {
                     Some(measuring) => measuring.share_of_rays(),
@@ -84,7 +88,7 @@ impl Rendering {
                 };
                 way.remaining()
             }
-            // Noise falls as one over the work, and so about does what is not known yet of the light.
+            // What is not known yet of the light falls about as noise does.
             _ => forecast::as_noise(measured, target, rays, passes),
         }
     }

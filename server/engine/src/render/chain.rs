@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 
-use super::{forecast::NOISE_POWER, hidden::HiddenHalves};
+use super::{forecast::noise_gain, hidden::HiddenHalves};
 use crate::{
     film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at, wants_more_pixels},
     math::Rgb,
@@ -45,6 +45,8 @@ const NOISE_SHARE: f32 = 2.0 / 3.0;
 /// Share of the noise that a picture's two halves tell that is surely in its error. Samples of both together are spread better than
 /// those of either: in corners of boxes, after some twenty passes, that noise was 1.3 to 1.4 times all of the error.
 const NOISE_SURE: f64 = 0.4;
+/// Path-traced passes from which on a further one takes off more than the mean of those before it did.
+const TRACED_TELLING: f64 = 8.0;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
 const NOISE_NEGLIGIBLE: f64 = 0.02;
 
@@ -550,15 +552,18 @@ impl Films {
     /// relMSE of the blend.
     pub(super) fn error(&self, outlook: &Outlook) -> f64 {
         let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
-        let variance = outlook.variance.max(f64::MIN_POSITIVE);
-        // As it was found, and from there on as noise.
-        let found = f64::from(outlook.traced_passes.max(1));
-        1.0 / (1.0 / own + found * (self.traced / found).powf(NOISE_POWER) / variance)
+        1.0 / (1.0 / own + self.traced_alike(outlook) / outlook.variance.max(f64::MIN_POSITIVE))
     }
 
     fn own_error(&self, outlook: &Outlook) -> f64 {
         let Shortfall { noise, floor, .. } = outlook.shortfall();
-        floor + noise * (f64::from(outlook.kept_passes) / self.looked_up).powf(NOISE_POWER)
+        floor + noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes))
+    }
+
+    /// Path-traced passes of which each is worth as much as those that there were when it was found.
+    fn traced_alike(&self, outlook: &Outlook) -> f64 {
+        let found = f64::from(outlook.traced_passes).max(TRACED_TELLING);
+        found * noise_gain(self.traced / found)
     }
 
     /// Goes on by passes of whichever film takes more off for each ray, or of looked-up light alone; returns the rays.
@@ -568,9 +573,10 @@ impl Films {
         let passes = (share * self.passes()).max(1.0);
         let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
         let Shortfall { noise, .. } = outlook.shortfall();
-        let falls = noise * f64::from(outlook.kept_passes) / self.looked_up.powi(2);
+        let falls = noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes)) / self.looked_up;
         let by_looking_up = falls / own / own / outlook.looked_up_rays.max(1.0);
-        let by_tracing = 1.0 / (outlook.variance * outlook.traced_rays).max(f64::MIN_POSITIVE);
+        let worth = self.traced_alike(outlook).max(1.0) / self.traced.max(1.0);
+        let by_tracing = worth / (outlook.variance * outlook.traced_rays).max(f64::MIN_POSITIVE);
         if traces && by_tracing >= by_looking_up {
             self.traced += passes;
             passes * outlook.traced_rays.max(1.0)

@@ -21,6 +21,8 @@ const STEP_SHARE: f64 = 0.05;
 /// What is said is the middle of what was found in this last share of the time: errors are measured at few pixels, and what one look
 /// finds may be off by twice.
 const LATELY: f64 = 0.25;
+/// … but no less is left than this share of what the last look found.
+const LEAST_OF_LAST: f64 = 0.1;
 /// Work beyond which nothing is foretold, in shares of the work done so far.
 const WORK_MAX: f64 = 1e6;
 
@@ -123,7 +125,7 @@ struct Goal {
 }
 
 impl Forecasts {
-    /// For these targets (√relMSE).
+    /// For these targets (√relMSE), coarse to fine.
     pub fn new(targets: &[f64]) -> Forecasts {
         Forecasts {
             goals: targets.iter().copied().map(Goal::new).collect(),
@@ -188,11 +190,12 @@ impl Forecasts {
         to_learn: ToLearn,
         samples_max: Option<u32>,
     ) -> Vec<Expected> {
-        let worked_s = now_s - self.begun_s;
-        let has_worked = self.pace.note(worked_s, rendering.spent_rays() as f64);
+        let has_worked = self.pace.note(now_s - self.begun_s, rendering.spent_rays() as f64);
         if has_worked {
             self.last_s = now_s;
         }
+        // A picture at rest comes no nearer to anything.
+        let worked_s = self.last_s - self.begun_s;
         let rate = self.pace.rays_a_second();
         let passes = f64::from(rendering.passes());
         let mut record = self.record;
@@ -229,14 +232,32 @@ impl Forecasts {
             };
             Expected { target: goal.target, when }
         });
-        let expected = expected.collect();
+        let mut expected: Vec<Expected> = expected.collect();
         self.record = record;
+        in_order(&mut expected);
         expected
     }
 
     /// How many came true so far.
     pub fn record(&self) -> ForecastRecord {
         self.record
+    }
+}
+
+/// No finer error comes before a coarser one, whatever single looks found.
+///
+/// - `expected`: coarse to fine
+fn in_order(expected: &mut [Expected]) {
+    let mut coarser = When::Unknown;
+    for Expected { when, .. } in expected {
+        *when = match (coarser, *when) {
+            (When::In { seconds: before }, When::In { seconds }) => When::In { seconds: seconds.max(before) },
+            (When::OutOfReach { error }, When::In { .. } | When::BeyondSamples { .. } | When::Unknown) => {
+                When::OutOfReach { error }
+            }
+            (_, own) => own,
+        };
+        coarser = if *when == When::Unknown { coarser } else { *when };
     }
 }
 
@@ -257,9 +278,15 @@ impl Goal {
         }
         let mut lately: Vec<f64> = self.lately.iter().map(|[_, at_s]| *at_s).collect();
         lately.sort_unstable_by(f64::total_cmp);
-        // What should have come by now did not: the last look counts.
-        let said_s = lately.get(lately.len() / 2).copied().filter(|at_s| *at_s > now_s).unwrap_or(at_s);
-        let said_s = if said_s == f64::INFINITY { at_s } else { said_s };
+        let middle_s = lately.get(lately.len() / 2).copied().unwrap_or(at_s);
+        // Where that is all but over and the last look finds more to do, it is not.
+        let least_s = now_s + LEAST_OF_LAST * (at_s - now_s);
+        // What should have come by now did not: then the last look counts.
+        let said_s = match at_s.is_finite() {
+            _ if middle_s <= now_s || middle_s == f64::INFINITY => at_s,
+            true => middle_s.max(least_s),
+            false => middle_s,
+        };
         if is_new {
             push_bounded(&mut self.open, [now_s, said_s]);
         }
@@ -333,13 +360,22 @@ impl Pace {
     }
 }
 
-/// How fast the squared error of samples falls with their number. Theirs are low-discrepancy points: of eleven views from 8 to 128
-/// samples it fell with their 1.05th to 1.2th power.
-pub(super) const NOISE_POWER: f64 = 1.1;
+/// How fast the squared error of samples falls with their number, over some doublings: theirs are low-discrepancy points, and of
+/// eleven views it fell with the 1.05th to 1.2th power from 8 to 128. Nothing is known of many more: there it is taken to fall as
+/// one over their number.
+const NOISE_POWER: f64 = 1.1;
+/// So many times as many samples at most.
+const NOISE_KNOWN: f64 = 16.0;
+
+/// How many times smaller so many times as many samples make the noise.
+pub(super) fn noise_gain(times: f64) -> f64 {
+    times * times.clamp(1.0, NOISE_KNOWN).powf(NOISE_POWER - 1.0)
+}
 
 /// How many times as much work makes the noise so many times smaller.
-fn work_for(times: f64) -> f64 {
-    times.powf(1.0 / NOISE_POWER)
+fn work_for(gain: f64) -> f64 {
+    let known = NOISE_KNOWN.powf(NOISE_POWER);
+    if gain <= known { gain.max(1.0).powf(1.0 / NOISE_POWER) } else { NOISE_KNOWN * gain / known }
 }
 
 /// What is left for a picture whose error falls as noise with the work done.
@@ -347,8 +383,8 @@ fn work_for(times: f64) -> f64 {
 /// - `rays`, `passes`: done so far
 pub(super) fn as_noise(measured: &MeasuredError, target: f64, rays: f64, passes: f64) -> Option<Remaining> {
     // By the time it is small enough it is known so much better.
-    let growth = work_for(measured.rel_mse / (target * target)).max(1.0);
-    let more = (work_for(measured.rel_mse / allowed(measured, target, growth)) - 1.0).max(0.0);
+    let growth = work_for(measured.rel_mse / (target * target));
+    let more = work_for(measured.rel_mse / allowed(measured, target, growth)) - 1.0;
     (more < WORK_MAX && passes > 0.0).then_some(Remaining::Work { rays: more * rays, passes: more * passes })
 }
 
@@ -480,6 +516,29 @@ mod tests {
         assert!(matches!(of(Indirect::Auto), When::In { .. }), "auto");
     }
 
+    /// The work for a gain is what has that gain.
+    #[test]
+    fn noise_falls_as_fast_as_is_said() {
+        for gain in [1.0, 1.5, 4.0, 21.0, 22.0, 1e6] {
+            assert!((noise_gain(work_for(gain)) / gain - 1.0).abs() < 1e-9, "{gain}");
+        }
+        assert_eq!(work_for(0.2), 1.0);
+        assert!((work_for(10.0) - 8.11).abs() < 0.01 && (work_for(1e4) / work_for(1e3) - 10.0).abs() < 1e-9);
+    }
+
+    /// What is finer takes no less, and is out of reach where what is coarser is.
+    #[test]
+    fn finer_errors_come_no_sooner() {
+        let soon = |seconds: f64| When::In { seconds };
+        let never = When::OutOfReach { error: 0.03 };
+        let mut expected =
+            [When::Reached { at_s: 1.0 }, soon(5.0), When::Unknown, soon(3.0), never, soon(9.0)]
+                .map(|when| Expected { target: 0.1, when });
+        in_order(&mut expected);
+        let whens = expected.map(|expected| expected.when);
+        assert_eq!(whens, [When::Reached { at_s: 1.0 }, soon(5.0), When::Unknown, soon(5.0), never, never]);
+    }
+
     /// A forecast counts from a tenth of the time on, and is right within a quarter of it.
     #[test]
     fn forecasts_are_judged_by_when_it_came() {
@@ -533,11 +592,15 @@ mod tests {
         let mut goal = Goal::new(0.02);
         for tick in 0..40 {
             let now_s = 10.0 + 0.1 * f64::from(tick);
-            let at_s = if tick % 5 == 3 { 80.0 } else { 20.0 };
+            let at_s = if tick % 5 == 3 { 60.0 } else { 20.0 };
             assert_eq!(goal.say([now_s, at_s], true), 20.0, "{tick}");
         }
         let never = f64::INFINITY;
         assert_eq!(goal.say([14.0, never], true), 20.0);
+        // Nothing new while it rests; nearly there, and then far from it.
+        assert_eq!(goal.say([14.0, 20.0], false), 20.0);
+        (0..10).for_each(|tick| _ = goal.say([18.0 + 0.1 * f64::from(tick), 20.0], true));
+        assert!((goal.say([19.9, 80.0], true) - 25.91).abs() < 1e-9);
         assert_eq!(goal.say([21.0, 25.0], true), 25.0);
         (0..40).for_each(|tick| _ = goal.say([25.0 + 0.1 * f64::from(tick), never], true));
         assert_eq!(goal.say([30.0, never], true), never);

@@ -17,7 +17,7 @@ use crate::{
     math::{Rgb, sobol},
     scene::{
         Environment, Id, Light, LightKind, Material, Node, Scene, SceneBuilder, SceneChange, SceneLimits,
-        samples,
+        samples::{self, Stage as Building},
     },
     technique::{
         Edit, Products, Step, Technique,
@@ -393,6 +393,75 @@ fn edits_leave_what_a_fresh_build_would_make() {
         assert!(thinned_out >= edits / 8 || photons < 4608, "{thinned_out} times thinned out");
         assert!(kept_cells_share > 0.05, "nearly every cell was built anew: {kept_cells_share}");
         assert_eq!(kept.photons.probe(&world).diverged, 0);
+    }
+}
+
+/// A scene of a metre grows to forty: what flew off when there was nothing out there is found by what comes to stand there. And one that
+/// moves as a whole but for a lamp, so that all is counted from elsewhere, is traced anew.
+#[test]
+fn what_comes_to_stand_far_outside_meets_what_flew_off() {
+    let settings = PhotonSettings { emitted_count: 60_000, ..PhotonSettings::default() };
+    let complete = |photons: &mut PhotonTracing, world: &World| {
+        let (mut products, cancel) = (Products::default(), AtomicBool::new(false));
+        let mut step = Step { world, products: &mut products, canvas: None, cancel: &cancel };
+        assert!((0..10_000).any(|_| photons.step(&mut step).complete), "no end of it");
+    };
+    let v = DVec3::new;
+    let panel = |x: f64, z: f64| [v(x, -3.0, z), v(x + 2.0, -3.0, z), v(x + 2.0, 5.0, z), v(x, 5.0, z)];
+    let moved = DAffine3::from_translation(v(8.0, 0.0, 0.0));
+    type Change<'a> = Box<dyn Fn(&mut SceneBuilder) + 'a>;
+    let cases: [(&str, Vec<[DVec3; 4]>, Change<'_>); 3] = [
+        (
+            "one panel",
+            vec![panel(4.0, 16.0)],
+            Box::new(|builder| builder.set_transform("panel 0", DAffine3::IDENTITY).unwrap()),
+        ),
+        (
+            "two panels",
+            vec![panel(8.0, 40.0), panel(-10.0, -40.0)],
+            Box::new(|builder| {
+                let names = ["panel 0", "panel 1"];
+                names.into_iter().for_each(|name| builder.set_transform(name, DAffine3::IDENTITY).unwrap());
+            }),
+        ),
+        (
+            "all but a panel",
+            vec![panel(-1.0, 0.5)],
+            Box::new(|builder| {
+                builder.set_transform("square", moved).unwrap();
+                let mut lamp = builder.scene().lights()["lamp"].clone();
+                lamp.position += v(8.0, 0.0, 0.0);
+                builder.set_light("lamp", lamp).unwrap();
+            }),
+        ),
+    ];
+    for (name, panels, change) in cases {
+        let mut stage = Building::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+        let square = [v(-1.0, 0.0, 1.0), v(1.0, 0.0, 1.0), v(1.0, 0.0, -1.0), v(-1.0, 0.0, -1.0)];
+        stage.place("square", samples::quad(square, &white), DAffine3::IDENTITY).unwrap();
+        // In a corner of the square, too small to be met.
+        let dot = DAffine3::from_scale_rotation_translation(
+            DVec3::splat(1e-3),
+            DQuat::IDENTITY,
+            v(-0.9, 0.01, 0.9),
+        );
+        for (number, panel) in panels.into_iter().enumerate() {
+            stage.place(&format!("panel {number}"), samples::quad(panel, &white), dot).unwrap();
+        }
+        let kind = LightKind::Point { intensity: Rgb::splat(2.0) };
+        let lamp = Light { parent: None, position: v(0.0, 1.0, 0.0), direction: DVec3::NEG_Y, kind };
+        stage.light("lamp", lamp).unwrap();
+        let before = world_of(stage.finish());
+        let (after, change) = edited(&before, change);
+        let mut kept = PhotonTracing::new(settings);
+        complete(&mut kept, &before);
+        kept.apply(&Edit { before: &before, after: &after, change: &change });
+        complete(&mut kept, &after);
+        let mut fresh = PhotonTracing::new(settings);
+        complete(&mut fresh, &after);
+        assert!(fresh.paths().hit_count() > 2000, "{name}");
+        assert!(kept.paths().hits().eq(fresh.paths().hits()), "{name}: {:?}", kept.edit_counts());
     }
 }
 

@@ -175,6 +175,8 @@ struct LeafSet {
     wall: Parting,
 }
 
+const _: () = assert!(size_of::<LeafSet>() == 64);
+
 /// How the light of a group came to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafGather {

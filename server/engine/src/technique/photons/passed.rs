@@ -11,9 +11,11 @@ use crate::{
 /// Cells at most: a bit each.
 const CELLS_MAX: u32 = u64::BITS;
 
-/// Room around a box of an edit, in radii of the scene: a few times what rounding and packed directions may move a segment by within
-/// the grid.
+/// Room around a box of an edit, in radii of the scene: many times what rounding may move a segment by within the grid.
 const ROOM: f32 = 1e-3;
+
+/// A way that rises no more than this for each metre may in truth fall.
+const LEVEL: f32 = 1e-5;
 
 /// How far cells lie off the middle of the scene, in cells.
 const OFF_MIDDLE: f32 = 0.3;
@@ -29,7 +31,7 @@ pub(super) struct CoarseGrid {
     /// By axis: bits of all cells before each place along it, and behind them of all.
     up_to: [[u64; CELLS_MAX as usize + 1]; 3],
     room_m: f32,
-    /// No plane between cells is farther from the origin, m.
+    /// Everything that stood in the scene is nearer to the origin, m.
     end_m: f32,
 }
 
@@ -94,18 +96,31 @@ impl CoarseGrid {
     /// finds fewer, and made tracing take a tenth longer.
     pub(super) fn passed(&self, from: Vec3, to: Vec3) -> u64 {
         let (from, to) = (self.at(from), self.at(to));
+        // What is nowhere may have been anywhere.
+        if !(from + to).is_finite() {
+            return u64::MAX;
+        }
         let middle = self.cell((from + to) * 0.5);
         self.between(self.cell(from), middle) | self.between(middle, self.cell(to))
     }
 
     /// Cells of a way from `from` without end.
+    ///
+    /// - `direction`: unit
     pub(super) fn passed_towards(&self, from: Vec3, direction: Vec3) -> u64 {
         let from_m = from.length();
-        // From far outside a packed direction does not say well enough where it goes.
-        if from_m > 4.0 * self.end_m {
+        // From far outside rounding is no longer small against cells.
+        if !(from_m <= 4.0 * self.end_m) {
             return u64::MAX;
         }
-        self.passed(from, from + direction * (self.end_m + from_m))
+        let to = from + direction * (self.end_m + from_m);
+        // Cells at the border go on without end, and a way that leaves the scene at a slant passes from one to the next however far
+        // out: on from there any between where it is and where it tends to.
+        let end = self.cell(self.at(to)).as_vec3();
+        let [lowest, highest] = [-direction, direction].map(|way| way.cmpgt(Vec3::splat(-LEVEL)));
+        let low = Vec3::select(lowest, Vec3::ZERO, end);
+        let high = Vec3::select(highest, self.last, end);
+        self.passed(from, to) | self.between(low.as_ivec3(), high.as_ivec3())
     }
 
     /// Cells that the boxes of an edit touch, or come near to: no segment meets a box that passed none of them.
@@ -135,8 +150,17 @@ fn up_to(counts: IVec3) -> [[u64; CELLS_MAX as usize + 1]; 3] {
 mod tests {
     use std::sync::Arc;
 
+    use glam::{DAffine3, DVec3};
+
     use super::*;
-    use crate::{math::sobol::point, scene::samples, transport::World};
+    use crate::{
+        math::{Rgb, sobol::point},
+        scene::{
+            Material,
+            samples::{self, Stage},
+        },
+        transport::World,
+    };
 
     fn grid_over(size: Vec3) -> CoarseGrid {
         let scene = samples::cornell_box().expect("a scene");
@@ -176,11 +200,60 @@ mod tests {
         }
     }
 
-    /// A scene without extent along an axis, or of one point, or none, has a grid all the same.
+    /// The same of ways without end, to boxes up to a hundred radii out.
+    #[test]
+    fn what_leaves_meets_no_box_beyond_the_cells_it_passed() {
+        let scene = samples::cornell_box().expect("a scene");
+        let world = World::prepare(Arc::new(scene));
+        let grid = CoarseGrid::over(world.accel());
+        let radius = world.accel().radius();
+        let (mut met, mut skipped) = (0, 0);
+        for index in 0..200_000 {
+            let [from, towards, aside] = [5u64, 6, 7].map(|key| {
+                let [x, y, z, _] = point(key, index);
+                2.0 * Vec3::new(x, y, z) - 1.0
+            });
+            let [distance, size, level, _] = point(8, index);
+            let mut towards = towards;
+            // Every fourth is level, or next to it.
+            if level < 0.25 {
+                towards[index as usize % 3] *= 1e-6 * (level * 1e3).fract();
+            }
+            let (from, direction) = (from * radius, towards.normalize());
+            let distance_m = radius * 100f32.powf(2.0 * distance - 1.0);
+            let half_m = distance_m * 0.3 * size;
+            let middle = from + direction * distance_m + aside * half_m * 4.0;
+            let touched = Touched::between(middle - half_m, middle + half_m);
+            let has_passed = grid.passed_towards(from, direction) & grid.cells_of(&touched) != 0;
+            let meets = touched.meets(from, from + direction * 1e3 * radius);
+            met += u32::from(meets);
+            skipped += u32::from(!has_passed);
+            assert!(has_passed || !meets, "{index}: from {from} towards {direction}, {touched:?}");
+        }
+        assert!(met > 20_000 && skipped > 2_000, "{met} met, {skipped} skipped");
+    }
+
+    /// A scene without extent along an axis is cut along the others, one that is empty not at all; what is nowhere may be anywhere.
     #[test]
     fn flat_scenes_have_cells() {
-        let grid = CoarseGrid::default();
-        assert_eq!(grid.passed(Vec3::ZERO, Vec3::ONE), 1);
-        assert_eq!(grid.cells_of(&Touched::between(-Vec3::ONE, Vec3::ONE)), 1);
+        let mut stage = Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).expect("a material");
+        let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]].map(|[x, z]| DVec3::new(x, 3.0, z));
+        stage.place("floor", samples::quad(corners, &white), DAffine3::IDENTITY).expect("a node");
+        let world = World::prepare(Arc::new(stage.finish()));
+        let grid = CoarseGrid::over(world.accel());
+        assert!(grid.last.y == 0.0 && grid.last.x >= 4.0 && grid.last.z >= 8.0, "{grid:?}");
+        let corner = |x: f64, z: f64| world.accel().to_render(DVec3::new(x, 3.0, z));
+        let near = Touched::between(corner(0.8, 0.1), corner(0.9, 0.2));
+        let passed = grid.passed(corner(0.1, 0.1), corner(0.1, 1.9));
+        assert!(passed != 0 && passed & grid.cells_of(&near) == 0);
+        let empty = CoarseGrid::default();
+        for grid in [&grid, &empty] {
+            assert_eq!(grid.passed(Vec3::NAN, Vec3::ONE), u64::MAX);
+            assert_eq!(grid.passed(Vec3::ONE, Vec3::splat(f32::INFINITY)), u64::MAX);
+            assert_eq!(grid.passed_towards(Vec3::splat(f32::NAN), Vec3::Y), u64::MAX);
+        }
+        assert_eq!(empty.passed(Vec3::ZERO, Vec3::ONE), 1);
+        assert_eq!(empty.cells_of(&Touched::between(-Vec3::ONE, Vec3::ONE)), 1);
     }
 }

@@ -134,6 +134,7 @@ impl PhotonTracing {
         if before.origin_in_world() != after.origin_in_world() {
             // All positions are relative to it.
             self.surfaces = Arc::default();
+            self.paths = PhotonPaths::default();
             self.begin(edit.after);
             self.edit_counts = EditCounts { paths: self.paths.path_count(), ..EditCounts::default() };
             self.edit_counts.traced = self.edit_counts.paths;
