@@ -60,15 +60,15 @@ impl Rendering {
         if measured.reaches(target) {
             return Some(Remaining::Nothing);
         }
-        if self.is_at_its_best() && self.learner.is_some() {
-            return Some(Remaining::OutOfReach { error: measured.error() });
-        }
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
         let to_learn = match &self.learner {
             Some(learner) => learner.to_learn(),
             None => to_learn,
         };
+        if to_learn == ToLearn::Nothing && self.is_at_its_best() {
+            return Some(Remaining::OutOfReach { error: measured.error() });
+        }
         match &self.outlook {
             // A round that does not end in time brings nothing more.
             _ if to_learn == ToLearn::Rounds && !self.is_late() => None,
