@@ -257,8 +257,8 @@ fn edit(world: World, settings: PhotonSettings) {
             let counts = tracing.edit_counts();
             let kept = building.octree().map(|octree| octree.counts()).unwrap_or_default();
             println!(
-                "- moving a small box: {} of {} paths held against it, {} withdrawn ({:.2} %); photons {:.1} ms, their maps {:.1} ms, octree \
-                 of depth 6 {:.1} ms ({} of {} groups gathered)",
+                "- moving a small box: {} of {} paths held against it, {} withdrawn ({:.2} %); photons {:.1} ms, their maps \
+                 {:.1} ms, octree of depth 6 {:.1} ms ({} of {} groups gathered)",
                 counts.tested,
                 counts.paths,
                 counts.withdrawn,

@@ -69,9 +69,11 @@ impl Rendering {
         if to_learn == ToLearn::Nothing && self.is_at_its_best() {
             return Some(Remaining::OutOfReach { error: measured.error() });
         }
+        // A round that does not end in time brings nothing more.
+        if to_learn == ToLearn::Rounds && !self.is_late() {
+            return None;
+        }
         match &self.outlook {
-            // A round that does not end in time brings nothing more.
-            _ if to_learn == ToLearn::Rounds && !self.is_late() => None,
             Some(outlook) if to_learn == ToLearn::Nothing => {
                 let measuring_share = match &self.measuring {
                     Some(measuring) => measuring.share_of_rays(),

@@ -120,7 +120,7 @@ struct Goal {
     reached_s: Option<f64>,
     /// When it was said, and for when, from when work began; never: infinite.
     open: Vec<[f64; 2]>,
-    /// The same, of what was found lately and not said in this way.
+    /// The same, of what was found lately: what is said is made of it.
     lately: Vec<[f64; 2]>,
 }
 
@@ -199,25 +199,25 @@ impl Forecasts {
         let rate = self.pace.rays_a_second();
         let passes = f64::from(rendering.passes());
         let mut record = self.record;
+        let mut coarser = When::Unknown;
         let expected = self.goals.iter_mut().map(|goal| {
             if let Some(at_s) = goal.reached_s {
                 return Expected { target: goal.target, when: When::Reached { at_s } };
             }
             let remaining =
                 measured.and_then(|measured| rendering.remaining(&measured, goal.target, to_learn));
-            let when = match (remaining, rate) {
+            let found = match (remaining, rate) {
                 (Some(Remaining::Nothing), _) => {
                     // Once and for all: who gives up a target later gives up nothing that came true.
                     record.judge(&std::mem::take(&mut goal.open), worked_s);
                     goal.reached_s = Some(now_s);
-                    When::Reached { at_s: now_s }
+                    return Expected { target: goal.target, when: When::Reached { at_s: now_s } };
                 }
                 (Some(Remaining::OutOfReach { error }), _) => {
-                    let at_s = goal.say([worked_s, f64::INFINITY], has_worked);
-                    if at_s > worked_s && at_s < f64::INFINITY {
-                        When::In { seconds: at_s - worked_s }
-                    } else {
-                        When::OutOfReach { error }
+                    let at_s = goal.lately_at_s([worked_s, f64::INFINITY], has_worked);
+                    match at_s.is_finite() {
+                        true => When::In { seconds: at_s - worked_s },
+                        false => When::OutOfReach { error },
                     }
                 }
                 (Some(Remaining::Work { passes: more, .. }), _)
@@ -226,15 +226,20 @@ impl Forecasts {
                     When::BeyondSamples { samples: passes + more }
                 }
                 (Some(Remaining::Work { rays, .. }), Some(rate)) => {
-                    When::In { seconds: goal.say([worked_s, worked_s + rays / rate], has_worked) - worked_s }
+                    let at_s = goal.lately_at_s([worked_s, worked_s + rays / rate], has_worked);
+                    When::In { seconds: at_s - worked_s }
                 }
                 _ => When::Unknown,
             };
+            let when = found.no_sooner_than(coarser);
+            coarser = if when == When::Unknown { coarser } else { when };
+            if has_worked {
+                goal.keep(worked_s, when);
+            }
             Expected { target: goal.target, when }
         });
-        let mut expected: Vec<Expected> = expected.collect();
+        let expected = expected.collect();
         self.record = record;
-        in_order(&mut expected);
         expected
     }
 
@@ -244,20 +249,16 @@ impl Forecasts {
     }
 }
 
-/// No finer error comes before a coarser one, whatever single looks found.
-///
-/// - `expected`: coarse to fine
-fn in_order(expected: &mut [Expected]) {
-    let mut coarser = When::Unknown;
-    for Expected { when, .. } in expected {
-        *when = match (coarser, *when) {
+impl When {
+    /// No finer error comes before a coarser one, whatever single looks found.
+    fn no_sooner_than(self, coarser: When) -> When {
+        match (coarser, self) {
             (When::In { seconds: before }, When::In { seconds }) => When::In { seconds: seconds.max(before) },
             (When::OutOfReach { error }, When::In { .. } | When::BeyondSamples { .. } | When::Unknown) => {
                 When::OutOfReach { error }
             }
             (_, own) => own,
-        };
-        coarser = if *when == When::Unknown { coarser } else { *when };
+        }
     }
 }
 
@@ -266,11 +267,11 @@ impl Goal {
         Goal { target, reached_s: None, open: Vec::new(), lately: Vec::new() }
     }
 
-    /// Takes what was found, and keeps and returns for when that lets say it is reached.
+    /// When it is reached by what was found lately, from when work began.
     ///
-    /// - `found`: when, and for when
+    /// - `found`: when, and for when; never: infinite
     /// - `is_new`: something was done since the last time
-    fn say(&mut self, found: [f64; 2], is_new: bool) -> f64 {
+    fn lately_at_s(&mut self, found: [f64; 2], is_new: bool) -> f64 {
         let [now_s, at_s] = found;
         if is_new {
             self.lately.retain(|[found_s, _]| *found_s >= (1.0 - LATELY) * now_s);
@@ -279,18 +280,23 @@ impl Goal {
         let mut lately: Vec<f64> = self.lately.iter().map(|[_, at_s]| *at_s).collect();
         lately.sort_unstable_by(f64::total_cmp);
         let middle_s = lately.get(lately.len() / 2).copied().unwrap_or(at_s);
+        // What should have come by now did not: then the last look counts.
+        if middle_s <= now_s || middle_s == f64::INFINITY {
+            return at_s;
+        }
         // Where that is all but over and the last look finds more to do, it is not.
         let least_s = now_s + LEAST_OF_LAST * (at_s - now_s);
-        // What should have come by now did not: then the last look counts.
-        let said_s = match at_s.is_finite() {
-            _ if middle_s <= now_s || middle_s == f64::INFINITY => at_s,
-            true => middle_s.max(least_s),
-            false => middle_s,
+        if at_s.is_finite() { middle_s.max(least_s) } else { middle_s }
+    }
+
+    /// Keeps what is said, to be judged by.
+    fn keep(&mut self, now_s: f64, when: When) {
+        let at_s = match when {
+            When::In { seconds } => now_s + seconds,
+            When::OutOfReach { .. } => f64::INFINITY,
+            When::Reached { .. } | When::BeyondSamples { .. } | When::Unknown => return,
         };
-        if is_new {
-            push_bounded(&mut self.open, [now_s, said_s]);
-        }
-        said_s
+        push_bounded(&mut self.open, [now_s, at_s]);
     }
 }
 
@@ -531,12 +537,20 @@ mod tests {
     fn finer_errors_come_no_sooner() {
         let soon = |seconds: f64| When::In { seconds };
         let never = When::OutOfReach { error: 0.03 };
-        let mut expected =
-            [When::Reached { at_s: 1.0 }, soon(5.0), When::Unknown, soon(3.0), never, soon(9.0)]
-                .map(|when| Expected { target: 0.1, when });
-        in_order(&mut expected);
-        let whens = expected.map(|expected| expected.when);
-        assert_eq!(whens, [When::Reached { at_s: 1.0 }, soon(5.0), When::Unknown, soon(5.0), never, never]);
+        let many = When::BeyondSamples { samples: 300.0 };
+        let cases = [
+            (When::Unknown, soon(5.0), soon(5.0)),
+            (soon(5.0), soon(3.0), soon(5.0)),
+            (soon(3.0), soon(5.0), soon(5.0)),
+            (soon(5.0), When::Unknown, When::Unknown),
+            (soon(5.0), never, never),
+            (never, soon(9.0), never),
+            (never, many, never),
+            (many, soon(9.0), soon(9.0)),
+        ];
+        for (coarser, own, said) in cases {
+            assert_eq!(own.no_sooner_than(coarser), said, "{own:?} after {coarser:?}");
+        }
     }
 
     /// A forecast counts from a tenth of the time on, and is right within a quarter of it.
@@ -593,17 +607,17 @@ mod tests {
         for tick in 0..40 {
             let now_s = 10.0 + 0.1 * f64::from(tick);
             let at_s = if tick % 5 == 3 { 60.0 } else { 20.0 };
-            assert_eq!(goal.say([now_s, at_s], true), 20.0, "{tick}");
+            assert_eq!(goal.lately_at_s([now_s, at_s], true), 20.0, "{tick}");
         }
         let never = f64::INFINITY;
-        assert_eq!(goal.say([14.0, never], true), 20.0);
+        assert_eq!(goal.lately_at_s([14.0, never], true), 20.0);
         // Nothing new while it rests; nearly there, and then far from it.
-        assert_eq!(goal.say([14.0, 20.0], false), 20.0);
-        (0..10).for_each(|tick| _ = goal.say([18.0 + 0.1 * f64::from(tick), 20.0], true));
-        assert!((goal.say([19.9, 80.0], true) - 25.91).abs() < 1e-9);
-        assert_eq!(goal.say([21.0, 25.0], true), 25.0);
-        (0..40).for_each(|tick| _ = goal.say([25.0 + 0.1 * f64::from(tick), never], true));
-        assert_eq!(goal.say([30.0, never], true), never);
+        assert_eq!(goal.lately_at_s([14.0, 20.0], false), 20.0);
+        (0..10).for_each(|tick| _ = goal.lately_at_s([18.0 + 0.1 * f64::from(tick), 20.0], true));
+        assert!((goal.lately_at_s([19.9, 80.0], true) - 25.91).abs() < 1e-9);
+        assert_eq!(goal.lately_at_s([21.0, 25.0], true), 25.0);
+        (0..40).for_each(|tick| _ = goal.lately_at_s([25.0 + 0.1 * f64::from(tick), never], true));
+        assert_eq!(goal.lately_at_s([30.0, never], true), never);
         assert!(goal.lately.len() < 60, "{}", goal.lately.len());
     }
 
@@ -611,7 +625,10 @@ mod tests {
     #[test]
     fn targets_may_change() {
         let mut forecasts = Forecasts::new(&[0.1, 0.02]);
-        (0..1000).for_each(|second| _ = forecasts.goals[1].say([f64::from(second), 2000.0], true));
+        (0..1000).for_each(|second| {
+            let now_s = f64::from(second);
+            forecasts.goals[1].keep(now_s, When::In { seconds: 2000.0 - now_s });
+        });
         assert!(forecasts.goals[1].open.len() <= OPEN_MAX);
         forecasts.aim(&[0.05, 0.02]);
         assert!(forecasts.goals[0].open.is_empty() && !forecasts.goals[1].open.is_empty());

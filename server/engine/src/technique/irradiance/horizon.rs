@@ -3,8 +3,8 @@
 //! A record counts over a sphere, and where that is wider than what the record is close to (over pixels, where it is rough, or because
 //! one wall is near and all others far) it reaches through walls into the room behind them. Its own lowest rays say where they stand:
 //! hits of neighbouring directions are joined by straight lines, as a wall is seen from above, and what lies beyond the
-//! line and lower than where it was hit is hidden. Where a wall ends all that is farther in that sector is. On the inside of a vault, where the lowest rays meet the vault itself, what lies
-//! beyond them lies higher, and is not.
+//! line and lower than where it was hit is hidden. Where a wall ends all that is farther in that sector is. On the inside of a
+//! vault, where the lowest rays meet the vault itself, what lies beyond them lies higher, and is not.
 
 use std::f32::consts::{SQRT_2, TAU};
 

@@ -92,8 +92,8 @@ impl CoarseGrid {
         along(0) & along(1) & along(2)
     }
 
-    /// Cells that the segment may pass: those of boxes around its pieces. To go from plane to plane between cells [AmanatidesWoo1987]
-    /// finds fewer, and made tracing take a tenth longer.
+    /// Cells that the segment may pass: those of boxes around its halves. Of an edit in the middle of Sponza a seventh fewer paths would
+    /// be asked by going from plane to plane between cells [AmanatidesWoo1987], which is more work for each that is traced.
     pub(super) fn passed(&self, from: Vec3, to: Vec3) -> u64 {
         let (from, to) = (self.at(from), self.at(to));
         // What is nowhere may have been anywhere.
