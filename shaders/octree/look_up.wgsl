@@ -59,20 +59,6 @@ const DRAW_TRIES: u32 = 16u;
 const DRAW_STEPS: vec2f = vec2f(0.7548777, 0.5698403);
 const PER_CHANCE_MAX: f32 = 1e30;
 
-struct ScatteredLight {
-    indirect: vec3f,
-    caustic: vec3f,
-    blur_m: f32,
-    /// A direction that some of the indirect light comes from.
-    lit_from: vec3f,
-    /// What the light that was drawn sends on, over its chance.
-    share: vec3f,
-    /// What lies nearer is lost in the blur, m; 0: nobody asked, or there is no light.
-    lost_m: f32,
-    /// Nothing is known here, though elsewhere it is.
-    is_missing: bool,
-}
-
 fn octahedral_fold(square: vec2f) -> vec2f {
     return (1.0 - abs(square.yx)) * vec2f(copysign(1.0, square.x), copysign(1.0, square.y));
 }
@@ -215,8 +201,9 @@ fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
 
 /// - `is_drawn`: a direction that light comes from is asked for, where anything is near
 /// - `draw`: random numbers that it is drawn by
-fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
-    var light = ScatteredLight(vec3f(0.0), vec3f(0.0), octree.blur_max_m, vec3f(0.0), vec3f(0.0), 0.0, false);
+fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
+    var light = nothing_known();
+    light.blur_m = octree.blur_max_m;
     var drawn = DrawnLight(draw.x, 0.0, NO_CELL, 0u);
     if octree.depth == 0u {
         return light;

@@ -65,7 +65,7 @@ fn advance(slot: u32) -> bool {
     // by one scattering less.
     let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
         && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
-    var known = ScatteredLight(vec3f(0.0), vec3f(0.0), 0.0, vec3f(0.0), vec3f(0.0), 0.0, false);
+    var known = nothing_known();
     var is_near = false;
     if is_asked {
         let is_drawn = SHADOWS_KNOWN && pass_header.index >= pass_header.shadowed_from && !is_beyond_near;

@@ -10,7 +10,11 @@ static SCENE: Part = Part { name: "transport/scene", source: include_str!("../tr
 static BSDF: Part = Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
 static SURFACE: Part = Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
 static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };
+static KNOWN: Part = Part { name: "path/known", source: include_str!("../path/known.wgsl") };
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
+static BY_OCTREE: Part = Part { name: "octree/asked", source: include_str!("../octree/asked.wgsl") };
+static BY_RECORDS: Part =
+    Part { name: "irradiance/look_up", source: include_str!("../irradiance/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
 static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
@@ -44,7 +48,7 @@ pub static PATH_CLOSEST: Step = Step {
 pub static PATH_SHADE: Step = Step {
     name: "path/shade",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &ALONE, &SHADE_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &KNOWN, &ALONE, &SHADE_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -52,7 +56,41 @@ pub static PATH_SHADE: Step = Step {
 pub static PATH_SHADE_BY_OCTREE: Step = Step {
     name: "path/shade_by_octree",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &OCTREE, &SHADE_ENTRY],
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &PIXEL,
+        &KNOWN,
+        &OCTREE,
+        &BY_OCTREE,
+        &SHADE_ENTRY,
+    ],
+    workgroup_size: [64, 1, 1],
+};
+
+/// The same, asking records of irradiance, and the octree where none counts.
+pub static PATH_SHADE_BY_RECORDS: Step = Step {
+    name: "path/shade_by_records",
+    entry_point: "shade",
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &PIXEL,
+        &KNOWN,
+        &OCTREE,
+        &BY_RECORDS,
+        &SHADE_ENTRY,
+    ],
     workgroup_size: [64, 1, 1],
 };
 
@@ -84,7 +122,7 @@ pub static GATHER_BEGIN: Step = Step {
 pub static GATHER_SHADE: Step = Step {
     name: "gather/shade",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &ALONE, &SHADE_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &KNOWN, &ALONE, &SHADE_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -92,7 +130,41 @@ pub static GATHER_SHADE: Step = Step {
 pub static GATHER_SHADE_BY_OCTREE: Step = Step {
     name: "gather/shade_by_octree",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &OCTREE, &SHADE_ENTRY],
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &RAY,
+        &KNOWN,
+        &OCTREE,
+        &BY_OCTREE,
+        &SHADE_ENTRY,
+    ],
+    workgroup_size: [64, 1, 1],
+};
+
+/// [`PATH_SHADE_BY_RECORDS`] for these.
+pub static GATHER_SHADE_BY_RECORDS: Step = Step {
+    name: "gather/shade_by_records",
+    entry_point: "shade",
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &RAY,
+        &KNOWN,
+        &OCTREE,
+        &BY_RECORDS,
+        &SHADE_ENTRY,
+    ],
     workgroup_size: [64, 1, 1],
 };
 

@@ -59,7 +59,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 && args.technique() != Indirect::Irradiance {
+    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 {
         eprintln!(
             "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
         );
@@ -178,7 +178,7 @@ impl<'a> Job<'a> {
         illumination.irradiance.weighing.accuracy = self.args.irradiance_accuracy;
         let scene = (self.world.clone(), illumination);
         let mut rendering = Rendering::learning_by(scene, self.view, self.size, settings);
-        self.drawn_on.take(&mut rendering)?;
+        self.drawn_on.take(&mut rendering);
         rendering.aim_at(self.rule.error);
         Ok(rendering)
     }

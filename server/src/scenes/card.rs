@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::graphics;
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
 use lumicast_engine::render::{Backend, Rendering};
-use lumicast_engine::technique::path::GpuScene;
+use lumicast_engine::technique::path::{Asked, GpuScene};
 use lumicast_engine::transport::World;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
@@ -155,8 +155,7 @@ impl SceneOnCard {
                 rendering.leave_gpu();
             }
         } else if let Some(own) = own {
-            // Pictures by records of irradiance stay on the CPU.
-            let _ = rendering.draw_on(Arc::clone(own));
+            rendering.draw_on(Arc::clone(own));
         }
     }
 
@@ -200,8 +199,11 @@ impl SceneOnCard {
             let (scene, outcome) = (Arc::clone(&scene), Arc::clone(&outcome));
             let is_busy = Arc::clone(&workshop.card.is_busy);
             move || {
-                // Most viewers look at light that is looked up. Drivers may panic in wgpu: that is a failure like others.
-                let made = catch_unwind(AssertUnwindSafe(|| scene.make_ready(true)));
+                // Most viewers look at light that is looked up, in records if they did not choose. Drivers may panic in wgpu: that is
+                // a failure like others.
+                let all = || [Asked::Records, Asked::Octree].map(Some).into_iter();
+                let made =
+                    catch_unwind(AssertUnwindSafe(|| all().try_for_each(|asked| scene.make_ready(asked))));
                 let failed =
                     |_| Err(GpuError::Failed { what: "bringing the scene to the card panicked".into() });
                 *lock(&outcome) = Some(made.unwrap_or_else(failed));

@@ -4,7 +4,7 @@ use std::{error::Error, sync::Arc, time::Instant};
 
 use lumicast_engine::{
     gpu::{Gpu, GpuTrees},
-    technique::path::GpuScene,
+    technique::path::{Asked, GpuScene},
 };
 
 use crate::{
@@ -23,7 +23,7 @@ pub(crate) fn measure(
     let world = &subject.world;
     let session = gpu.session()?;
     let first = GpuScene::new(gpu.clone(), world.clone());
-    first.make_ready(true)?;
+    first.make_ready(Some(Asked::Octree))?;
     let shader_seconds = first.shader_seconds();
     drop(first);
 
@@ -37,7 +37,7 @@ pub(crate) fn measure(
 
         let start = Instant::now();
         let scene = GpuScene::new(gpu.clone(), world.clone());
-        scene.make_ready(true)?;
+        scene.make_ready(Some(Asked::Octree))?;
         all.push(1e3 * (start.elapsed().as_secs_f64() - scene.shader_seconds()));
     }
     let tree_bytes = world.accel().upload().bytes() as f64;

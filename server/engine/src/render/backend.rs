@@ -1,16 +1,15 @@
 //! Where a picture is drawn: on the CPU, or on a graphics card.
 //!
 //! What a card draws are samples of the picture, the same that the CPU would have drawn but for rounding. So a picture may be begun
-//! on one and ended on the other, and where a card fails, the CPU goes on. Records of irradiance cannot be looked up on a
-//! card: such pictures are drawn on the CPU, and the card gathers the light of the records. Other light is learnt and errors are
-//! measured on the CPU in either case.
+//! on one and ended on the other, and where a card fails, the CPU goes on. A card also gathers the light of records of irradiance, for
+//! pictures that learn by themselves. Other light is learnt and errors are measured on the CPU in either case.
 
 use std::{
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
 
-use super::{Backend, Indirect, RenderSettings, Rendering, all_paths, beside};
+use super::{Learnt, RenderSettings, Rendering, all_paths, beside};
 use crate::{
     effects::EffectPlan,
     film::{Film, PictureSize},
@@ -18,7 +17,7 @@ use crate::{
     scene::CameraView,
     technique::{
         ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
-        path::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, rays_over_a_picture},
+        path::{ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, rays_over_a_picture},
     },
     transport::World,
 };
@@ -31,24 +30,7 @@ const TRIAL_PASSES: u32 = 2;
 /// has enough to do.
 const TRIAL_RAYS: u32 = 2;
 
-/// What a card does for a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CardWork {
-    /// It draws samples.
-    Draws,
-    /// It gathers the light of records of irradiance.
-    Gathers,
-}
-
-/// Why a card can do nothing for a picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{technique} is drawn on the CPU only: its {what} cannot be looked up on a graphics card yet")]
-pub struct CpuOnly {
-    technique: &'static str,
-    what: &'static str,
-}
-
-/// Seconds that a pass takes on either backend, or gathering light along as many rays as one would.
+/// Seconds that a pass takes on either backend, and gathering light along rays where pictures have records of their own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackendTrial {
     /// On the threads of the pool that it was asked in.
@@ -58,7 +40,7 @@ pub struct BackendTrial {
 }
 
 impl BackendTrial {
-    /// Draws a small picture on both.
+    /// Draws a small picture on both, and gathers for one.
     ///
     /// Errors: what the card does not do.
     pub fn run(
@@ -72,17 +54,23 @@ impl BackendTrial {
         let size = PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size);
         let world = scene.world();
         let view = View::new(world, view, size);
-        if settings.card_work() == Ok(CardWork::Gathers) {
-            return BackendTrial::of_gathering(scene, &view, size, settings);
-        }
         let mut cpu = PathTracer::new(all_paths(settings));
         let mut card = GpuPathTracer::new(Arc::clone(scene), all_paths(settings));
-        let cpu_seconds = fastest_pass(&mut cpu, world, &view, size);
-        let gpu_seconds = fastest_pass(&mut card, world, &view, size);
-        match card.failure() {
-            Some(error) => Err(error.clone()),
-            None => Ok(BackendTrial { cpu_seconds, gpu_seconds }),
+        let drawing = BackendTrial {
+            cpu_seconds: fastest_pass(&mut cpu, world, &view, size),
+            gpu_seconds: fastest_pass(&mut card, world, &view, size),
+        };
+        if let Some(error) = card.failure() {
+            return Err(error.clone());
         }
+        if settings.learns(&EffectPlan::of(world.scene())) != Some(Learnt::Records) {
+            return Ok(drawing);
+        }
+        let gathering = BackendTrial::of_gathering(scene, &view, size, settings)?;
+        Ok(BackendTrial {
+            cpu_seconds: drawing.cpu_seconds + gathering.cpu_seconds,
+            gpu_seconds: drawing.gpu_seconds + gathering.gpu_seconds,
+        })
     }
 
     /// Of direct light: what is known of other light is looked up on top of that on both.
@@ -145,7 +133,9 @@ const RATE_KNOWN_SECONDS: f64 = 0.05;
 #[derive(Debug)]
 pub(super) struct OnGpu {
     scene: Arc<GpuScene>,
-    work: OnGpuWork,
+    drawing: GpuPathTracer,
+    /// Where it has records of its own.
+    gathering: Option<Gathering>,
     /// For the path-traced film beside it.
     tracing: Option<GpuPathTracer>,
     /// What the CPU traced beside, and the seconds that took.
@@ -153,15 +143,12 @@ pub(super) struct OnGpu {
     cpu_seconds: f64,
 }
 
-/// What draws or gathers.
+/// What gathers the light of records.
 #[derive(Debug)]
-enum OnGpuWork {
-    Draws(Box<GpuPathTracer>),
-    Gathers {
-        gatherer: Arc<GpuGatherer>,
-        /// Rays of it that were taken note of.
-        noted: u64,
-    },
+struct Gathering {
+    gatherer: Arc<GpuGatherer>,
+    /// Rays of it that were taken note of.
+    noted: u64,
 }
 
 impl OnGpu {
@@ -186,76 +173,53 @@ impl OnGpu {
     }
 
     fn failure(&self) -> Option<GpuError> {
-        let of_work = match &self.work {
-            OnGpuWork::Draws(drawing) => drawing.failure().cloned(),
-            OnGpuWork::Gathers { gatherer, .. } => gatherer.failure(),
-        };
-        of_work.or_else(|| self.tracing.as_ref()?.failure().cloned())
+        let of_gathering = || self.gathering.as_ref()?.gatherer.failure();
+        let of_tracing = || self.tracing.as_ref()?.failure().cloned();
+        self.drawing.failure().cloned().or_else(of_gathering).or_else(of_tracing)
     }
 }
 
 impl RenderSettings {
-    /// What a card can do for such pictures.
-    ///
-    /// Errors: [`CpuOnly`] for those that are chained on the CPU.
-    pub fn card_work(&self) -> Result<CardWork, CpuOnly> {
-        match self.indirect {
-            Indirect::Path | Indirect::Octree | Indirect::None => Ok(CardWork::Draws),
-            Indirect::Auto if self.backend == Backend::Gpu => Ok(CardWork::Draws),
-            Indirect::Auto => {
-                Err(CpuOnly { technique: "auto, as it is chained on the CPU,", what: "irradiance cache" })
-            }
-            Indirect::Irradiance => Ok(CardWork::Gathers),
-        }
-    }
-
     /// Uploads all and compiles what such pictures of a scene need, so that none waits for it.
     ///
     /// Errors: what the card does not do.
     pub fn make_ready(&self, scene: &GpuScene) -> Result<(), GpuError> {
-        let learns = || self.learns(&EffectPlan::of(scene.world().scene())).is_some();
-        match self.card_work() {
-            Ok(CardWork::Draws) => scene.make_ready(learns()),
-            // With a bound on scatterings nobody is asked: see `Learner`.
-            Ok(CardWork::Gathers) => scene.make_ready_to_gather(self.bounces_max.is_none()),
-            Err(_) => Ok(()),
+        match self.learns(&EffectPlan::of(scene.world().scene())) {
+            None => scene.make_ready(None),
+            Some(Learnt::Octree) => scene.make_ready(Some(Asked::Octree)),
+            Some(Learnt::Records) => {
+                scene.make_ready(Some(Asked::Records))?;
+                // With a bound on scatterings nobody is asked: see `Learner`.
+                scene.make_ready_to_gather(self.bounces_max.is_none().then_some(Asked::Octree))
+            }
         }
     }
 }
 
 impl Rendering {
-    /// Draws on a card from now on; pictures of records gather the light of those there, if they learn by themselves. A film that
+    /// Draws on a card from now on; where the picture has records of its own, their light is gathered there too. A film that
     /// shows caustics by photons of its own stays on the CPU, as long as nothing on the card looks at those: without them a gloss
     /// that sees a lamp in a mirror or by way of glass finds it in a few bright samples that no measure of some hundred pixels
     /// meets (rough metal in `cornell-glossy`: 41 % where 10 % were measured).
     ///
     /// - `scene`: of the same world
-    ///
-    /// Errors: as [`RenderSettings::card_work`], and for pictures of records that others make.
-    pub fn draw_on(&mut self, scene: Arc<GpuScene>) -> Result<(), CpuOnly> {
-        let work = match self.settings.card_work()? {
-            CardWork::Gathers if self.learnt.is_some() => {
-                let made_by_others = CpuOnly { technique: "irradiance", what: "irradiance cache" };
-                let learner = self.learner.as_mut().ok_or(made_by_others)?;
-                let gatherer = Arc::new(GpuGatherer::new(Arc::clone(&scene)));
-                learner.gather_on(Arc::clone(&gatherer));
-                OnGpuWork::Gathers { gatherer, noted: 0 }
-            }
-            // Nothing is looked up where there is no indirect light.
-            _ => {
-                let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
-                OnGpuWork::Draws(Box::new(drawing))
-            }
-        };
-        self.gpu = Some(Box::new(OnGpu { work, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 }));
+    pub fn draw_on(&mut self, scene: Arc<GpuScene>) {
+        let gathers = self.learnt == Some(Learnt::Records);
+        let gathering = self.learner.as_mut().filter(|_| gathers).map(|learner| {
+            let gatherer = Arc::new(GpuGatherer::new(Arc::clone(&scene)));
+            learner.gather_on(Arc::clone(&gatherer));
+            Gathering { gatherer, noted: 0 }
+        });
+        let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
+        let on_gpu = OnGpu { drawing, gathering, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
+        self.gpu = Some(Box::new(on_gpu));
         self.gpu_failure = None;
-        Ok(())
     }
 
     /// Goes on by the CPU.
     pub fn leave_gpu(&mut self) {
-        if let Some(OnGpuWork::Gathers { gatherer, .. }) = self.gpu.take().map(|gpu| gpu.work) {
-            gatherer.stop();
+        if let Some(gathering) = self.gpu.take().and_then(|gpu| gpu.gathering) {
+            gathering.gatherer.stop();
         }
     }
 
@@ -295,7 +259,7 @@ impl Rendering {
     pub(super) fn note_learning(&mut self, rays: u64, start: Instant, shader_seconds: f64) {
         let Some(gpu) = self.gpu.as_mut() else { return };
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shader_seconds);
-        if let OnGpuWork::Gathers { gatherer, noted } = &mut gpu.work {
+        if let Some(Gathering { gatherer, noted }) = &mut gpu.gathering {
             let gathered = gatherer.ray_count();
             let is_by_card = gathered > *noted;
             self.gpu_gathered_rays += gathered - *noted;
@@ -322,7 +286,7 @@ impl Rendering {
         if self.caustics.is_some() || self.hidden[0].is_some() && !self.technique.asks() {
             return None;
         }
-        let OnGpuWork::Draws(drawing) = &mut gpu.work else { return None };
+        let drawing = &mut gpu.drawing;
         drawing.draw_as(&self.technique);
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
         let progress = step_on_gpu(drawing, (&self.world, &self.view), &mut self.film, cancel);

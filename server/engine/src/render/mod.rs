@@ -48,7 +48,7 @@ use chain::{Measuring, Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 
 #[cfg(feature = "gpu")]
-pub use backend::{BackendTrial, CardWork, CpuOnly};
+pub use backend::BackendTrial;
 pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, ToLearn, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
@@ -93,8 +93,7 @@ pub enum Backend {
     /// On the CPU.
     #[default]
     Cpu,
-    /// On a graphics card, once the picture is [given one](Rendering::draw_on). The best chain that exists there is the octree,
-    /// and the path tracer beside it.
+    /// On a graphics card, once the picture is [given one](Rendering::draw_on).
     Gpu,
 }
 
@@ -203,10 +202,7 @@ impl RenderSettings {
     ///
     /// - `plan`: of the scene
     pub fn learns(&self, plan: &EffectPlan) -> Option<Learnt> {
-        let learnt = match (self.indirect, self.backend) {
-            (Indirect::Octree, _) | (Indirect::Auto, Backend::Gpu) => Learnt::Octree,
-            _ => Learnt::Records,
-        };
+        let learnt = if self.indirect == Indirect::Octree { Learnt::Octree } else { Learnt::Records };
         let runs = self.effects.indirect.runs(plan.is_on(EffectKind::Indirect));
         (self.looks_up() && runs).then_some(learnt)
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use lumicast_engine::{
     film::PictureSize,
     gpu::{AdapterChoice, AdapterReport, Gpu},
-    render::{self, BackendTrial, CardWork, RenderSettings, Rendering},
+    render::{self, BackendTrial, RenderSettings, Rendering},
     scene::CameraView,
     technique::path::GpuScene,
     transport::World,
@@ -33,12 +33,9 @@ impl DrawnOn {
         match backend {
             Backend::Cpu => Ok(DrawnOn::Cpu),
             Backend::Gpu => {
-                let work = settings
-                    .card_work()
-                    .map_err(|error| CliError::Usage(format!("--backend gpu: {error}")))?;
                 // Whoever asks for it by name gets it, also where no more than a driver on the CPU is there.
                 let gpu = Gpu::open(AdapterChoice::Any).map_err(|error| unusable(&error))?;
-                eprintln!("{} on {}: compiling shaders", doing(work), described(&gpu.report()));
+                eprintln!("drawing on {}: compiling shaders", described(&gpu.report()));
                 let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
                 settings.make_ready(&scene).map_err(|error| unusable(&error))?;
                 Ok(DrawnOn::Gpu(scene))
@@ -54,7 +51,6 @@ impl DrawnOn {
         settings: &RenderSettings,
     ) -> DrawnOn {
         let settings = &RenderSettings { backend: render::Backend::Gpu, ..*settings };
-        let Ok(work) = settings.card_work() else { return DrawnOn::Cpu };
         if !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
@@ -62,22 +58,21 @@ impl DrawnOn {
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
         eprintln!("trying {name}: compiling shaders");
-        let (doing, tried) = (doing(work), tried(work));
         if let Err(error) = settings.make_ready(&scene) {
-            eprintln!("{doing} on the CPU, not on {name}: {error}");
+            eprintln!("drawing on the CPU, not on {name}: {error}");
             return DrawnOn::Cpu;
         }
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
-                let took = format!("{tried} takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                let took = format!("a small picture takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
                 if trial.gpu_is_faster() {
-                    eprintln!("{doing} on {name}: {took}");
+                    eprintln!("drawing on {name}: {took}");
                     return DrawnOn::Gpu(scene);
                 }
-                eprintln!("{doing} on the CPU, not on {name}: {took}");
+                eprintln!("drawing on the CPU, not on {name}: {took}");
             }
-            Err(error) => eprintln!("{doing} on the CPU, not on {name}: {error}"),
+            Err(error) => eprintln!("drawing on the CPU, not on {name}: {error}"),
         }
         DrawnOn::Cpu
     }
@@ -91,12 +86,9 @@ impl DrawnOn {
     }
 
     /// Takes the picture there.
-    pub(super) fn take(&self, rendering: &mut Rendering) -> Result<(), CliError> {
-        match self {
-            DrawnOn::Cpu => Ok(()),
-            DrawnOn::Gpu(scene) => rendering
-                .draw_on(scene.clone())
-                .map_err(|error| CliError::Usage(format!("--backend gpu: {error}"))),
+    pub(super) fn take(&self, rendering: &mut Rendering) {
+        if let DrawnOn::Gpu(scene) = self {
+            rendering.draw_on(scene.clone());
         }
     }
 
@@ -122,22 +114,6 @@ impl DrawnOn {
             DrawnOn::Cpu => 0,
             DrawnOn::Gpu(scene) => scene.bytes(),
         }
-    }
-}
-
-/// What a card does for a picture, in words.
-fn doing(work: CardWork) -> &'static str {
-    match work {
-        CardWork::Draws => "drawing",
-        CardWork::Gathers => "gathering light for records",
-    }
-}
-
-/// What it is tried by.
-fn tried(work: CardWork) -> &'static str {
-    match work {
-        CardWork::Draws => "a small picture",
-        CardWork::Gathers => "gathering for a small picture",
     }
 }
 

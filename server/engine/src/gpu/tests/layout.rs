@@ -1,4 +1,6 @@
-//! Where WGSL puts the fields of a struct, so that tests can prove that Rust puts them there, too.
+//! Where WGSL puts the fields of a struct, and the numbers that it declares, so that tests can prove that Rust has them, too.
+
+use std::collections::HashMap;
 
 /// A field of a WGSL struct.
 #[derive(Debug, PartialEq, Eq)]
@@ -31,6 +33,18 @@ pub(crate) fn layout(source: &str, struct_name: &str) -> (Vec<Field>, u32) {
         byte_count: size_of(member),
     });
     (fields.collect(), *span)
+}
+
+/// Numbers that `source` declares, by name.
+pub(crate) fn numbers_of(source: &str) -> HashMap<String, f64> {
+    let module = naga::front::wgsl::parse_str(source).unwrap();
+    let number = |constant: &naga::Constant| match module.global_expressions[constant.init] {
+        naga::Expression::Literal(naga::Literal::F32(value)) => Some(f64::from(value)),
+        naga::Expression::Literal(naga::Literal::U32(value)) => Some(f64::from(value)),
+        _ => None,
+    };
+    let constants = module.constants.iter();
+    constants.filter_map(|(_, constant)| Some((constant.name.clone()?, number(constant)?))).collect()
 }
 
 /// Asserts that a Rust struct has the size of a WGSL struct and its fields, by name, order, offset and size. Named padding

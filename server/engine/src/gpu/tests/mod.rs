@@ -2,7 +2,7 @@
 
 mod layout;
 
-pub(crate) use layout::{assert_same_layout, layout};
+pub(crate) use layout::{assert_same_layout, layout, numbers_of};
 
 use std::sync::Arc;
 

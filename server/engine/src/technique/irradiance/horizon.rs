@@ -11,7 +11,7 @@ use std::f32::consts::{SQRT_2, TAU};
 use glam::{Vec2, Vec3};
 
 /// Directions in which it is kept how far the surface lies open.
-const SECTORS: usize = 12;
+pub(super) const SECTORS: usize = 12;
 /// Of the nearest hits that those are found from.
 const BINS: usize = 2 * SECTORS;
 /// Cosine to the normal up to which a ray is a low one: a sixth of those of a hemisphere are.
@@ -23,18 +23,18 @@ const STEPS: [f32; 16] = [
     1.0, 1.044274, 1.090508, 1.138789, 1.189207, 1.241858, 1.29684, 1.354256,
     SQRT_2, 1.476826, 1.542211, 1.61049, 1.681793, 1.756252, 1.834008, 1.915207,
 ];
-const PER_OCTAVE: f32 = STEPS.len() as f32;
+pub(super) const PER_OCTAVE: f32 = STEPS.len() as f32;
 /// Nothing was met, or farther than codes go.
-const ENDLESS: u8 = u8::MAX;
+pub(super) const ENDLESS: u8 = u8::MAX;
 /// In the code of a sector's first rise: what stands in the sector ends there.
-const SILHOUETTE: u8 = 0x80;
+pub(super) const SILHOUETTE: u8 = 0x80;
 /// Sine of the angle by which a wall that is found from hits seems to turn at most.
 const STRAIGHT_SIN: f32 = 0.17;
-const RISE_CODE_MAX: u8 = SILHOUETTE - 1;
+pub(super) const RISE_CODE_MAX: u8 = SILHOUETTE - 1;
 /// Rise of the highest code, and a little more than that of any low ray.
-const RISE_MAX: f32 = 0.45;
+pub(super) const RISE_MAX: f32 = 0.45;
 /// Between two directions a wall may come nearer than in either, by so much: cos (π / 12), rounded down.
-const BETWEEN: f32 = 0.965;
+pub(super) const BETWEEN: f32 = 0.965;
 /// Two hits with more than this between their directions are not joined, rad: in a corner they are of two walls.
 const GAP_MAX: f32 = 0.25 * TAU;
 /// A wall goes on beyond the last that was met of it by so much, rad: hardly more than the half of a sector.
@@ -245,6 +245,14 @@ impl Horizon {
     #[inline]
     pub(super) fn nearest_m(&self) -> f32 {
         self.nearest_m
+    }
+
+    /// Codes of open ways and of rises, four directions a word.
+    pub(super) fn words(&self) -> [[u32; SECTORS / 4]; 2] {
+        [&self.ways, &self.rises].map(|codes| {
+            let word_of = |word: usize| std::array::from_fn(|byte| codes[4 * word + byte]);
+            std::array::from_fn(|word| u32::from_le_bytes(word_of(word)))
+        })
     }
 
     /// Something stands between here and there.

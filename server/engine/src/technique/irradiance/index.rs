@@ -83,13 +83,28 @@ impl Index {
             .copied()
     }
 
+    /// Levels in use, ascending.
+    pub(super) fn levels(&self) -> &[i32] {
+        &self.levels
+    }
+
+    /// Cells with their levels and what is entered in each, in no order.
+    pub(super) fn cells(&self) -> impl Iterator<Item = (i32, IVec3, &[u32])> {
+        self.cells.iter().map(|(Cell { level, at }, records)| (*level, *at, &records[..]))
+    }
+
     /// Memory.
     pub(super) fn bytes(&self) -> usize {
         self.entries * size_of::<u32>() + self.cells.len() * (size_of::<Cell>() + size_of::<Vec<u32>>() + 8)
     }
 }
 
+/// One over the width of a level's cells, 1/m.
+pub(super) fn per_cell(level: i32) -> f32 {
+    (-level as f32).exp2()
+}
+
 fn cell(p: Vec3, level: i32) -> IVec3 {
     // Far outside is as good as outside.
-    (p * (-level as f32).exp2()).floor().clamp(Vec3::splat(-1e9), Vec3::splat(1e9)).as_ivec3()
+    (p * per_cell(level)).floor().clamp(Vec3::splat(-1e9), Vec3::splat(1e9)).as_ivec3()
 }

@@ -4,7 +4,7 @@
 //! gradients for turning and moving [Ward1988; Ward1992; Gautron2008, 8] (`record.rs`). Each ray brings the light that falls
 //! straight on the surface it meets and what is known of the rest there (photons, by way of the light octree), so that all
 //! bounces are there. A walk over the picture finds where no record counts (`walk.rs`); records are valid for every camera. They are
-//! splatted onto what a camera sees straight (`splat.rs`); the rest looks them up.
+//! splatted onto what a camera sees straight (`splat.rs`); the rest looks them up, as graphics cards do everywhere (`upload.rs`).
 //!
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
@@ -17,6 +17,7 @@ mod sight;
 mod splat;
 #[cfg(test)]
 mod tests;
+mod upload;
 mod walk;
 
 use std::{
@@ -32,7 +33,9 @@ pub use self::{
 };
 
 use self::{index::Index, splat::Splats};
-use super::{ArrivingLight, Bias, Card, Counts, ScatteredLight, ScreenLight, SecondaryLight, View};
+use super::{
+    ArrivingLight, Bias, Card, Counts, PackedRecords, ScatteredLight, ScreenLight, SecondaryLight, View,
+};
 use crate::{
     math::Rgb,
     transport::{PathClass, Surface},
@@ -266,6 +269,14 @@ impl SecondaryLight for IrradianceCache {
 
     fn has_caustics(&self) -> bool {
         self.base.as_ref().is_some_and(|base| base.has_caustics())
+    }
+
+    fn packed_records(&self) -> Option<PackedRecords> {
+        Some(self.pack_records())
+    }
+
+    fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {
+        self.base.as_ref()
     }
 
     fn scattered(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {

@@ -79,12 +79,12 @@ pub struct Weighing {
 }
 
 /// Weights end here where a record is asked for at its own place.
-const INVERSE_WEIGHT_MIN: f32 = 1e-4;
+pub(super) const INVERSE_WEIGHT_MIN: f32 = 1e-4;
 /// Cosine of the angle between triangles up to which they count as one surface. Shading normals may agree around an edge where
 /// the triangles face apart; then one sees the room and the other looks into the wall.
-const SAME_SURFACE_COS: f32 = 0.5;
+pub(super) const SAME_SURFACE_COS: f32 = 0.5;
 /// How far behind a record's plane a point may lie, in radii: what is behind sees other things.
-const BEHIND: f32 = 0.05;
+pub(super) const BEHIND: f32 = 0.05;
 
 impl Record {
     /// Farthest distance at which it counts, m.
@@ -140,15 +140,19 @@ impl Record {
         self.reach_min_m = self.reach_min_m.min(PIXELS_COARSER_MAX * neighbour.reach_min_m + away_m);
     }
 
+    /// How much of a way its gradients count for: where it reaches farther than its radius allows, they say less by as much [Ward1992].
+    #[inline]
+    pub(super) fn way_share(&self, accuracy: f32) -> f32 {
+        (accuracy * self.radius_m / self.reach_m(accuracy)).min(1.0)
+    }
+
     /// What it says of the irradiance at a point that faces `n`, never negative.
     #[inline]
     pub fn irradiance_at(&self, p: Vec3, n: Vec3, weighing: &Weighing) -> Rgb {
         if !weighing.has_gradients {
             return self.irradiance;
         }
-        // Where a record reaches farther than its radius allows, its gradients say less by as much [Ward1992].
-        let share = (weighing.accuracy * self.radius_m / self.reach_m(weighing.accuracy)).min(1.0);
-        let way = (p - self.position) * share;
+        let way = (p - self.position) * self.way_share(weighing.accuracy);
         let turn = self.normal.cross(n);
         let change = |channel: usize| turn.dot(self.turning[channel]) + way.dot(self.moving[channel]);
         let [r, g, b] = self.irradiance.to_array();

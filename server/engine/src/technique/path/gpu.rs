@@ -26,7 +26,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
-pub use scene::GpuScene;
+pub use scene::{Asked, GpuScene};
 pub use step_clock::StepSeconds;
 
 use self::tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN};

@@ -34,7 +34,7 @@ use rayon::prelude::*;
 
 pub use gauge::{Gauge, SampleCost};
 #[cfg(feature = "gpu")]
-pub use gpu::{ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, StepSeconds, rays_over_a_picture};
+pub use gpu::{ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, StepSeconds, rays_over_a_picture};
 pub use view::View;
 
 use super::{

@@ -22,7 +22,7 @@ pub use self::{
     crease::CREASE_ANGLE_RAD,
     gather::{Gather, GatherBounds, GatheredPhoton},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
-    packed::{GpuLightSet, GpuOctreeHeader, LIKE_COS, PackedLight},
+    packed::{GpuLightSet, GpuOctreeHeader, GpuRecord, LIKE_COS, PackedLight, PackedRecords},
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
     touched::{Touched, TouchedBoxes, renamed_instances},
@@ -92,8 +92,18 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
 
-    /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
+    /// Light in cells for look-ups on a graphics card; `None` of what has none, or cannot be looked up there.
     fn packed(&self) -> Option<PackedLight> {
+        None
+    }
+
+    /// Records of irradiance for look-ups on a graphics card; `None` of what has none.
+    fn packed_records(&self) -> Option<PackedRecords> {
+        None
+    }
+
+    /// What answers where it knows nothing.
+    fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {
         None
     }
 }

@@ -1,5 +1,5 @@
 //! What is known of a scene's light, packed for look-ups on a graphics card: plain data in the order in which
-//! `shaders/octree/look_up.wgsl` reads it.
+//! `shaders/octree/look_up.wgsl` and `shaders/irradiance/look_up.wgsl` read it.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -80,4 +80,59 @@ pub struct PackedLight {
     /// A light in two words: direction; what it brings over its softened cosine with its group. Off by 0.4 % of the largest
     /// channel and 0.0037° at most.
     pub vdls: Vec<[u32; 2]>,
+}
+
+/// A record of irradiance; `Record` in WGSL. Open ways and rises of its horizon lie where vectors leave room.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuRecord {
+    /// Render space.
+    pub position: [f32; 3],
+    /// It does not count beyond, m.
+    pub reach_m: f32,
+    /// The side that receives.
+    pub normal: [f32; 3],
+    /// How much of a way its gradients count for.
+    pub way_share: f32,
+    /// Normal of the triangle on that side.
+    pub n_geo: [f32; 3],
+    /// Nothing nearer is hidden from it, m.
+    pub nearest_m: f32,
+    /// W/m².
+    pub irradiance: [f32; 3],
+    /// Nothing.
+    pub padding_0: u32,
+    /// Change with turning, W/m².
+    pub turning_red: [f32; 3],
+    /// Open ways in four directions each.
+    pub ways_0: u32,
+    /// See there.
+    pub turning_green: [f32; 3],
+    /// See there.
+    pub ways_1: u32,
+    /// See there.
+    pub turning_blue: [f32; 3],
+    /// See there.
+    pub ways_2: u32,
+    /// Change with moving, W/m³.
+    pub moving_red: [f32; 3],
+    /// Rises in four directions each.
+    pub rises_0: u32,
+    /// See there.
+    pub moving_green: [f32; 3],
+    /// See there.
+    pub rises_1: u32,
+    /// See there.
+    pub moving_blue: [f32; 3],
+    /// See there.
+    pub rises_2: u32,
+}
+
+/// Records of irradiance, ready to be copied into buffers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedRecords {
+    /// Of the finest cache, then of rougher ones.
+    pub records: Vec<GpuRecord>,
+    /// How many caches there are; what answers after them; what says where the records of each cache are, and those words.
+    pub words: Vec<u32>,
 }

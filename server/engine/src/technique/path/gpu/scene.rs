@@ -13,7 +13,7 @@ use crate::{
     accel::{GAMMA_5, GAMMA_19},
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
-        GpuOctreeHeader, LIKE_COS, PackedLight, SecondaryLight,
+        GpuOctreeHeader, LIKE_COS, PackedLight, PackedRecords, SecondaryLight,
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
@@ -94,50 +94,105 @@ impl GpuWorld {
     }
 }
 
+/// What paths ask for light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    /// The light octree.
+    Octree,
+    /// Records of irradiance, and the octree where none counts.
+    Records,
+}
+
+impl Asked {
+    pub(super) const COUNT: usize = 2;
+}
+
+/// Light in cells, on a card.
+#[derive(Debug)]
+struct CellsOnCard {
+    /// `None`: nothing is known.
+    known: Option<Arc<dyn SecondaryLight>>,
+    /// Header, nodes, groups and lights.
+    buffers: [Buffer; 4],
+}
+
+impl CellsOnCard {
+    fn new(session: &Session, known: Option<&Arc<dyn SecondaryLight>>) -> Result<CellsOnCard, GpuError> {
+        let packed = match known {
+            Some(known) => known.packed().ok_or_else(|| {
+                let what =
+                    format!("the light that {} knows is not packed for graphics cards", known.card().name);
+                GpuError::Failed { what }
+            })?,
+            None => PackedLight {
+                header: GpuOctreeHeader::zeroed(),
+                words: Vec::new(),
+                sets: Vec::new(),
+                vdls: Vec::new(),
+            },
+        };
+        Ok(CellsOnCard {
+            known: known.cloned(),
+            buffers: [
+                session.buffer_of("octree header", &[packed.header])?,
+                session.buffer_of("octree", &packed.words)?,
+                session.buffer_of("light sets", &packed.sets)?,
+                session.buffer_of("virtual lights", &packed.vdls)?,
+            ],
+        })
+    }
+
+    fn is_of(&self, known: Option<&Arc<dyn SecondaryLight>>) -> bool {
+        match (&self.known, known) {
+            (Some(own), Some(known)) => Arc::ptr_eq(own, known),
+            (own, known) => own.is_none() && known.is_none(),
+        }
+    }
+}
+
 /// What is known of a scene's light, on a card.
 #[derive(Debug)]
 pub(super) struct LightOnCard {
+    pub(super) asked: Asked,
     /// `None`: nothing is known.
-    pub(super) known: Option<Arc<dyn SecondaryLight>>,
+    known: Option<Arc<dyn SecondaryLight>>,
+    cells: Arc<CellsOnCard>,
     /// Kept for as long as the group that binds them.
-    pub(super) _buffers: Vec<Buffer>,
+    _records: [Buffer; 2],
     pub(super) group: BindGroup,
     pub(super) layout: Arc<Layout>,
 }
 
 impl LightOnCard {
-    pub(super) fn new(
+    fn new(
         session: &Arc<Session>,
-        known: &Arc<dyn SecondaryLight>,
+        asked: Asked,
+        known: Option<&Arc<dyn SecondaryLight>>,
+        cells: Arc<CellsOnCard>,
+        records: Option<&PackedRecords>,
     ) -> Result<LightOnCard, GpuError> {
-        let Some(packed) = known.packed() else {
-            let what = format!("the light that {} knows is not packed for graphics cards", known.card().name);
-            return Err(GpuError::Failed { what });
-        };
-        LightOnCard::of(session, Some(Arc::clone(known)), &packed)
+        let (of_records, words) =
+            records.map_or((&[][..], &[][..]), |packed| (&packed.records[..], &packed.words[..]));
+        let records =
+            [session.buffer_of("records", of_records)?, session.buffer_of("words of records", words)?];
+        // The same for all that is asked: what a step does not read it may have.
+        let layout = session.layout(&[
+            Binding::Uniform,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+            Binding::Read,
+        ])?;
+        let buffers: Vec<&Buffer> = cells.buffers.iter().chain(&records).collect();
+        let group = session.bind(&layout, &buffers)?;
+        Ok(LightOnCard { asked, known: known.cloned(), cells, _records: records, group, layout })
     }
 
     /// No light at all.
-    pub(super) fn nothing(session: &Arc<Session>) -> Result<LightOnCard, GpuError> {
-        let (words, sets, vdls) = (Vec::new(), Vec::new(), Vec::new());
-        let packed = PackedLight { header: GpuOctreeHeader::zeroed(), words, sets, vdls };
-        LightOnCard::of(session, None, &packed)
-    }
-
-    pub(super) fn of(
-        session: &Arc<Session>,
-        known: Option<Arc<dyn SecondaryLight>>,
-        packed: &PackedLight,
-    ) -> Result<LightOnCard, GpuError> {
-        let buffers = vec![
-            session.buffer_of("octree header", &[packed.header])?,
-            session.buffer_of("octree", &packed.words)?,
-            session.buffer_of("light sets", &packed.sets)?,
-            session.buffer_of("virtual lights", &packed.vdls)?,
-        ];
-        let layout = session.layout(&[Binding::Uniform, Binding::Read, Binding::Read, Binding::Read])?;
-        let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
-        Ok(LightOnCard { known, _buffers: buffers, group, layout })
+    fn nothing(session: &Arc<Session>, asked: Asked) -> Result<LightOnCard, GpuError> {
+        let cells = Arc::new(CellsOnCard::new(session, None)?);
+        LightOnCard::new(session, asked, None, cells, None)
     }
 }
 
@@ -149,9 +204,9 @@ struct Ready {
     /// Paths of pixels and of rays, each once they were asked for.
     pixels: Option<Paths>,
     rays: Option<Paths>,
-    /// What was last asked for light. It stays on the card until something else is: films that ask and films that do not take
-    /// turns.
-    light: Option<LightOnCard>,
+    /// What was last asked for light, of each kind. It stays on the card until something else of its kind is: films that ask and
+    /// films that do not take turns.
+    lights: [Option<LightOnCard>; Asked::COUNT],
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
     shader_seconds: f64,
 }
@@ -159,15 +214,25 @@ struct Ready {
 impl Ready {
     fn new(session: Arc<Session>, world: &World) -> Result<Ready, GpuError> {
         let world = GpuWorld::new(&session, world)?;
-        Ok(Ready { session, world, pixels: None, rays: None, light: None, shader_seconds: 0.0 })
+        Ok(Ready {
+            session,
+            world,
+            pixels: None,
+            rays: None,
+            lights: Default::default(),
+            shader_seconds: 0.0,
+        })
     }
 
     /// Has places for so many paths of a slice and the steps they go through, also those that ask for light.
-    fn prepare(&mut self, from: PathStart, capacity: u32, asks: bool) -> Result<(), GpuError> {
+    fn prepare(&mut self, from: PathStart, capacity: u32, asked: Option<Asked>) -> Result<(), GpuError> {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
-        if asks && self.light.is_none() {
-            self.light = Some(LightOnCard::nothing(session)?);
+        if let Some(asked) = asked {
+            let light = &mut self.lights[asked as usize];
+            if light.is_none() {
+                *light = Some(LightOnCard::nothing(session, asked)?);
+            }
         }
         let paths = match from {
             PathStart::Pixels => &mut self.pixels,
@@ -183,7 +248,7 @@ impl Ready {
         if is_new {
             first_seconds += Tracing { session, world, paths, light: None }.use_first()?;
         }
-        if let Some(light) = self.light.as_ref().filter(|_| asks)
+        if let Some(light) = asked.and_then(|asked| self.lights[asked as usize].as_ref())
             && paths.be_able_to_ask(session, world, light)?
         {
             first_seconds += Tracing { session, world, paths, light: Some(light) }.use_first()?;
@@ -192,26 +257,39 @@ impl Ready {
         Ok(())
     }
 
-    /// Brings what `known` knows to the card.
-    fn bring(&mut self, known: &Arc<dyn SecondaryLight>) -> Result<(), GpuError> {
-        let before = self.light.as_ref().and_then(|light| light.known.as_ref());
-        if !before.is_some_and(|before| Arc::ptr_eq(before, known)) {
-            // The old light makes room first.
-            self.light = None;
-            self.light = Some(LightOnCard::new(&self.session, known)?);
+    /// Brings what `known` knows to the card, unless it is there, and says what that is.
+    fn bring(&mut self, known: &Arc<dyn SecondaryLight>) -> Result<Asked, GpuError> {
+        let is_there = |light: &&LightOnCard| light.known.as_ref().is_some_and(|own| Arc::ptr_eq(own, known));
+        if let Some(light) = self.lights.iter().flatten().find(is_there) {
+            return Ok(light.asked);
         }
-        Ok(())
+        let records = known.packed_records();
+        let (asked, of_cells) = match &records {
+            Some(_) => (Asked::Records, known.base()),
+            None => (Asked::Octree, Some(known)),
+        };
+        let mut lights = self.lights.iter().flatten();
+        let there = lights.find(|light| light.cells.is_of(of_cells)).map(|light| Arc::clone(&light.cells));
+        // The old light makes room first.
+        self.lights[asked as usize] = None;
+        let cells = match there {
+            Some(cells) => cells,
+            None => Arc::new(CellsOnCard::new(&self.session, of_cells)?),
+        };
+        let light = LightOnCard::new(&self.session, asked, Some(known), cells, records.as_ref())?;
+        self.lights[asked as usize] = Some(light);
+        Ok(asked)
     }
 
     /// What traces paths that ask for light, or nobody; after [`Ready::prepare`].
-    fn tracing(&self, from: PathStart, asks: bool) -> Result<Tracing<'_>, GpuError> {
+    fn tracing(&self, from: PathStart, asked: Option<Asked>) -> Result<Tracing<'_>, GpuError> {
         let paths = match from {
             PathStart::Pixels => &self.pixels,
             PathStart::Rays => &self.rays,
         };
         let unprepared = || GpuError::Failed { what: "paths were not prepared".into() };
         let paths = paths.as_ref().ok_or_else(unprepared)?;
-        let light = self.light.as_ref().filter(|_| asks);
+        let light = asked.and_then(|asked| self.lights[asked as usize].as_ref());
         Ok(Tracing { session: &self.session, world: &self.world, paths, light })
     }
 }
@@ -274,22 +352,22 @@ impl GpuScene {
 
     /// Uploads all and compiles what pictures need, so that their first pass waits for neither.
     ///
-    /// - `asks`: some ask a [`SecondaryLight`]
+    /// - `asked`: what they ask for light; `None`: nobody
     ///
     /// Errors: what the card does not do.
-    pub fn make_ready(&self, asks: bool) -> Result<(), GpuError> {
-        self.prepare(PathStart::Pixels, asks)
+    pub fn make_ready(&self, asked: Option<Asked>) -> Result<(), GpuError> {
+        self.prepare(PathStart::Pixels, asked)
     }
 
     /// The same for gathering light along rays.
     ///
     /// Errors: what the card does not do.
-    pub fn make_ready_to_gather(&self, asks: bool) -> Result<(), GpuError> {
-        self.prepare(PathStart::Rays, asks)
+    pub fn make_ready_to_gather(&self, asked: Option<Asked>) -> Result<(), GpuError> {
+        self.prepare(PathStart::Rays, asked)
     }
 
-    fn prepare(&self, from: PathStart, asks: bool) -> Result<(), GpuError> {
-        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, asks))
+    fn prepare(&self, from: PathStart, asked: Option<Asked>) -> Result<(), GpuError> {
+        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, asked))
     }
 
     /// Most paths of a slice.
@@ -321,11 +399,9 @@ impl GpuScene {
     ) -> Result<T, GpuError> {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
         self.with_ready(&mut locked(&self.ready), |ready| {
-            if let Some(known) = known {
-                ready.bring(known)?;
-            }
-            ready.prepare(from, capacity, known.is_some())?;
-            work(ready.tracing(from, known.is_some())?)
+            let asked = known.map(|known| ready.bring(known)).transpose()?;
+            ready.prepare(from, capacity, asked)?;
+            work(ready.tracing(from, asked)?)
         })
     }
 

@@ -7,14 +7,15 @@ use std::{sync::Arc, time::Instant};
 
 use bytemuck::Zeroable;
 use lumicast_shaders::{
-    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
-    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, Step as Shader,
+    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, GATHER_SHADE_BY_RECORDS, PATH_BEGIN,
+    PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN,
+    Step as Shader,
 };
 
 use super::{
     GpuCounters, GpuPassHeader, GpuPixelSample,
     gather::{GpuGatherRay, GpuRaySample},
-    scene::{GpuWorld, LightOnCard},
+    scene::{Asked, GpuWorld, LightOnCard},
 };
 use crate::{
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, Session},
@@ -63,12 +64,19 @@ impl PathStart {
         }
     }
 
-    fn shade(self, asks: bool) -> &'static Shader {
-        match (self, asks) {
-            (PathStart::Pixels, false) => &PATH_SHADE,
-            (PathStart::Pixels, true) => &PATH_SHADE_BY_OCTREE,
-            (PathStart::Rays, false) => &GATHER_SHADE,
-            (PathStart::Rays, true) => &GATHER_SHADE_BY_OCTREE,
+    fn shade(self) -> &'static Shader {
+        match self {
+            PathStart::Pixels => &PATH_SHADE,
+            PathStart::Rays => &GATHER_SHADE,
+        }
+    }
+
+    fn shade_by(self, asked: Asked) -> &'static Shader {
+        match (self, asked) {
+            (PathStart::Pixels, Asked::Octree) => &PATH_SHADE_BY_OCTREE,
+            (PathStart::Pixels, Asked::Records) => &PATH_SHADE_BY_RECORDS,
+            (PathStart::Rays, Asked::Octree) => &GATHER_SHADE_BY_OCTREE,
+            (PathStart::Rays, Asked::Records) => &GATHER_SHADE_BY_RECORDS,
         }
     }
 
@@ -160,8 +168,8 @@ pub(super) struct Paths {
     shade: Arc<Pipeline>,
     turn: Arc<Pipeline>,
     occluded: Arc<Pipeline>,
-    /// The same step, where it asks for light; compiled when it first does.
-    shade_asking: Option<Arc<Pipeline>>,
+    /// The same step, where it asks for light, by [`Asked`]; compiled when it first does.
+    shade_asking: [Option<Arc<Pipeline>>; Asked::COUNT],
 }
 
 impl Paths {
@@ -189,14 +197,14 @@ impl Paths {
         Ok(Paths {
             begin,
             closest: pipeline(&PATH_CLOSEST)?,
-            shade: session.pipeline(from.shade(false), &world.constants_of_shade(from, false), &layouts)?,
+            shade: session.pipeline(from.shade(), &world.constants_of_shade(from, false), &layouts)?,
             occluded: pipeline(from.occluded())?,
             turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
             from,
             places,
             sizes,
             sizes_group,
-            shade_asking: None,
+            shade_asking: Default::default(),
         })
     }
 
@@ -208,19 +216,20 @@ impl Paths {
         Ok(())
     }
 
-    /// Paths can ask for light from now on. True if that was compiled for it.
+    /// Paths can ask such light from now on. True if that was compiled for it.
     pub(super) fn be_able_to_ask(
         &mut self,
         session: &Session,
         world: &GpuWorld,
         light: &LightOnCard,
     ) -> Result<bool, GpuError> {
-        if self.shade_asking.is_some() {
+        let shade = &mut self.shade_asking[light.asked as usize];
+        if shade.is_some() {
             return Ok(false);
         }
         let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*light.layout];
         let constants = world.constants_of_shade(self.from, true);
-        self.shade_asking = Some(session.pipeline(self.from.shade(true), &constants, &layouts)?);
+        *shade = Some(session.pipeline(self.from.shade_by(light.asked), &constants, &layouts)?);
         Ok(true)
     }
 }
@@ -248,9 +257,12 @@ impl<'a> Tracing<'a> {
 
     /// The step that shades, and the groups that it reads.
     fn shading(self) -> (&'a Pipeline, Vec<&'a BindGroup>) {
-        match (&self.paths.shade_asking, self.light) {
-            (Some(shade), Some(light)) => (shade, [&self.groups()[..], &[&light.group]].concat()),
-            _ => (&self.paths.shade, self.groups().to_vec()),
+        let asking = self
+            .light
+            .and_then(|light| Some((self.paths.shade_asking[light.asked as usize].as_ref()?, &light.group)));
+        match asking {
+            Some((shade, light)) => (shade, [&self.groups()[..], &[light]].concat()),
+            None => (&self.paths.shade, self.groups().to_vec()),
         }
     }
 

@@ -126,7 +126,7 @@ fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
         let settings = RenderSettings { seed: 6, ..RenderSettings::default() };
         let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
         if let Some(scene) = scene {
-            rendering.draw_on(Arc::clone(scene)).unwrap();
+            rendering.draw_on(Arc::clone(scene));
             assert!(rendering.is_on_gpu());
         }
         while rendering.passes() < 2 {
@@ -154,7 +154,7 @@ fn caustics_by_photons_are_not_lost_on_a_card() {
         let [by_cpu, on_card] = [None, Some(&scene)].map(|scene| {
             let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
             if let Some(scene) = scene {
-                rendering.draw_on(Arc::clone(scene)).unwrap();
+                rendering.draw_on(Arc::clone(scene));
             }
             while rendering.passes() < 2 {
                 rendering.step(&AtomicBool::new(false));

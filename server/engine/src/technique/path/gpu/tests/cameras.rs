@@ -107,7 +107,7 @@ fn renderings_hold_the_same_picture() {
         let [cpu, card] = [false, true].map(|is_on_card| {
             let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
             if is_on_card {
-                rendering.draw_on(Arc::clone(&scene)).unwrap();
+                rendering.draw_on(Arc::clone(&scene));
             }
             while rendering.passes() < 3 {
                 rendering.step(&AtomicBool::new(false));

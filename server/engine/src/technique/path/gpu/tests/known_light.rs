@@ -1,9 +1,12 @@
-//! Light that is looked up in the octree, on both.
+//! Light that is looked up in the octree and in records of irradiance, on both.
+
+use std::num::{NonZeroU32, NonZeroUsize};
 
 use super::*;
 use crate::{
     render::{Illumination, IlluminationSettings, RenderSettings},
     scene::samples,
+    technique::irradiance::{IrradianceCaching, IrradianceSettings},
 };
 
 /// Both look up the same packed lights: only sums of theirs round differently.
@@ -30,21 +33,56 @@ pub(super) fn with_known(scene: Scene, bounces_max: Option<u32>) -> Shot {
 /// A pass whose known light is shadowed by what lies near, unless scatterings are bounded.
 const SHADOWED_PASS: u32 = 2 * BLURRED_SAMPLES;
 
+/// Diffuse and glossy balls, and one that light passes.
+fn balls() -> Stage {
+    let mut stage = room();
+    let plastic = Material { roughness: 0.4, base_color: Rgb::new(0.2, 0.6, 0.9), ..Material::default() };
+    let plastic = stage.material("plastic", plastic).unwrap();
+    placed(&mut stage, "ball", samples::sphere(DVec3::ZERO, 0.8, 16, &plastic));
+    let half_glass = Material { transmission: 0.5, roughness: 0.0, ..Material::default() };
+    let half_glass = stage.material("half glass", half_glass).unwrap();
+    placed(&mut stage, "small ball", samples::sphere(DVec3::new(0.9, -0.6, 0.7), 0.35, 12, &half_glass));
+    stage
+}
+
+/// Asserts that passes bring the same, pixel by pixel, of light that is looked up. Returns how many pixels are other ones than without
+/// shadows.
+fn looked_up_alike(name: &str, cpu: &Pass, card: &Pass, unshadowed: &Pass) -> usize {
+    let (mut others, mut largest, mut looked_up, mut hidden) = (0, 0.0f32, 0, 0);
+    for ((a, b), unshadowed) in cpu.samples.iter().zip(&card.samples).zip(&unshadowed.samples) {
+        assert!(b.is_sound(), "{b:?}");
+        let secondary = |sample: &PixelSample| sample.radiance[2] + sample.radiance[3];
+        let a_known = secondary(a);
+        looked_up += usize::from(!a_known.is_black());
+        // Class by class: what is indirect on the one is not a caustic on the other.
+        let of_class = |class: usize| (a.radiance[class] - b.radiance[class]).map(f32::abs).max_component();
+        let difference = of_class(2).max(of_class(3));
+        hidden += usize::from(a != unshadowed);
+        // What is hidden is taken from all that is known.
+        let of = a_known.max_component().max(secondary(unshadowed).max_component());
+        let off = if difference == 0.0 { 0.0 } else { difference / of };
+        let sampled_off =
+            (0..2).map(|class| off_rgb(a.radiance[class], b.radiance[class], 1e-3)).fold(0.0, f32::max);
+        if sampled_off > OFF_MAX || !(off <= LOOKED_UP_OFF_MAX) {
+            others += 1;
+            continue;
+        }
+        largest = largest.max(off);
+    }
+    eprintln!(
+        "{name}: {others} of {} took another decision, the others are off by {largest} at most; {hidden} near something",
+        cpu.samples.len()
+    );
+    assert!(looked_up > cpu.samples.len() / 3, "{looked_up} looked up");
+    assert!(others <= cpu.samples.len() / 200, "{name}: {others}");
+    hidden
+}
+
 /// Look-ups bring the same, pixel by pixel, at diffuse surfaces and through glass and mirrors, and the
 /// same is hidden and seen near them.
 #[test]
 fn the_octree_answers_the_same_on_a_card() {
     let Some(gpu) = shared() else { return };
-    let balls = || {
-        let mut stage = room();
-        let plastic = Material { roughness: 0.4, base_color: Rgb::new(0.2, 0.6, 0.9), ..Material::default() };
-        let plastic = stage.material("plastic", plastic).unwrap();
-        placed(&mut stage, "ball", samples::sphere(DVec3::ZERO, 0.8, 16, &plastic));
-        let half_glass = Material { transmission: 0.5, roughness: 0.0, ..Material::default() };
-        let half_glass = stage.material("half glass", half_glass).unwrap();
-        placed(&mut stage, "small ball", samples::sphere(DVec3::new(0.9, -0.6, 0.7), 0.35, 12, &half_glass));
-        stage
-    };
     // A ball that came when the octree was made already.
     let late = {
         let mut stage = balls();
@@ -72,35 +110,8 @@ fn the_octree_answers_the_same_on_a_card() {
         assert_eq!(is_shadowed, bounces_max.is_none(), "{name}: {:?} {:?}", cpu.counts, blurred.counts);
         let of_card = card.counts.shadow_rays as f64 / cpu.counts.shadow_rays as f64;
         assert!((of_card - 1.0).abs() < 0.005, "{name}: {:?} {:?}", card.counts, cpu.counts);
-        let (mut others, mut largest, mut looked_up, mut hidden) = (0, 0.0f32, 0, 0);
-        for ((a, b), unshadowed) in cpu.samples.iter().zip(&card.samples).zip(&blurred.samples) {
-            assert!(b.is_sound(), "{b:?}");
-            let secondary = |sample: &PixelSample| sample.radiance[2] + sample.radiance[3];
-            let a_known = secondary(a);
-            looked_up += usize::from(!a_known.is_black());
-            // Class by class: what is indirect on the one is not a caustic on the other.
-            let of_class =
-                |class: usize| (a.radiance[class] - b.radiance[class]).map(f32::abs).max_component();
-            let difference = of_class(2).max(of_class(3));
-            hidden += usize::from(a != unshadowed);
-            // What is hidden is taken from all that is known.
-            let of = a_known.max_component().max(secondary(unshadowed).max_component());
-            let off = if difference == 0.0 { 0.0 } else { difference / of };
-            let sampled_off =
-                (0..2).map(|class| off_rgb(a.radiance[class], b.radiance[class], 1e-3)).fold(0.0, f32::max);
-            if sampled_off > OFF_MAX || !(off <= LOOKED_UP_OFF_MAX) {
-                others += 1;
-                continue;
-            }
-            largest = largest.max(off);
-        }
-        eprintln!(
-            "{name}: {others} of {} took another decision, the others are off by {largest} at most; {hidden} near something",
-            cpu.samples.len()
-        );
-        assert!(looked_up > cpu.samples.len() / 3, "{looked_up} looked up");
+        let hidden = looked_up_alike(name, &cpu, &card, &blurred);
         assert_eq!(hidden > 50, bounces_max.is_none(), "{name}: {hidden}");
-        assert!(others <= cpu.samples.len() / 200, "{name}: {others}");
     }
 }
 
@@ -122,4 +133,61 @@ fn asking_begins_and_ends_on_a_card() {
     let indirect: Vec<Rgb> =
         asked.iter().map(|sample| sample.radiance[PathClass::Indirect as usize]).collect();
     assert_eq!(film.layer(PathClass::Indirect), indirect);
+}
+
+/// Records of what the shot's camera sees, all or as many as come of `steps`.
+///
+/// - `has_base`: the octree answers where none counts
+fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
+    let shot = with_known(scene, None);
+    let octree = shot.known.clone().unwrap();
+    let settings = IrradianceSettings {
+        ray_count: NonZeroUsize::new(60).unwrap(),
+        visits: NonZeroU32::MIN,
+        is_paced: false,
+        ..IrradianceSettings::default()
+    };
+    let arriving = PathTracer::with_secondary(PathSettings::all(None, 0), Arc::clone(&octree));
+    let mut caching = IrradianceCaching::new(settings, Arc::new(arriving), has_base.then_some(octree));
+    caching.look(0, &shot.camera, shot.size);
+    let never = AtomicBool::new(false);
+    for _ in 0..steps {
+        let mut step =
+            Step { world: &shot.world, products: &mut Products::default(), canvas: None, cancel: &never };
+        caching.step(&mut step);
+    }
+    assert_eq!(caching.is_complete(), steps == ALL_STEPS);
+    assert!(caching.cache().records().len() > 20);
+    Shot { known: Some(caching.snapshot()), ..shot }
+}
+
+const ALL_STEPS: usize = 3_000;
+/// Steps after which records of several rounds answer one after the other.
+const SOME_STEPS: usize = 12;
+
+/// Records bring the same, pixel by pixel: those of one cache and of several, at walls, in glosses and mirrors, and the octree where
+/// none counts.
+#[test]
+fn records_answer_the_same_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let boxes = |steps, has_base| with_records(samples::boxes().unwrap(), steps, has_base);
+    let from_elsewhere = |shot: Shot| Shot { camera: shot.world.scene().default_view(), ..shot };
+    for (name, shot) in [
+        ("boxes", boxes(ALL_STEPS, true)),
+        ("boxes, half covered", boxes(SOME_STEPS, true)),
+        // What is seen from elsewhere has no records behind what hid it.
+        ("boxes from elsewhere", from_elsewhere(boxes(ALL_STEPS, true))),
+        // And then those that count through walls are better than nothing.
+        ("boxes from elsewhere, records alone", from_elsewhere(boxes(ALL_STEPS, false))),
+        ("cornell box", with_records(samples::cornell_box().unwrap(), ALL_STEPS, true)),
+        ("plastic and half glass", with_records(balls().finish(), ALL_STEPS, true)),
+        ("parted rooms", with_records(samples::parted_rooms([300.0, 3.0]).unwrap(), ALL_STEPS, true)),
+    ] {
+        let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+        let blurred = shot.on_cpu_as(SHADOWED_PASS, Near::Blurred);
+        let (cpu, card) = (shot.on_cpu(SHADOWED_PASS), shot.on_card(&scene, SHADOWED_PASS));
+        looked_up_alike(name, &cpu, &card, &blurred);
+        let of_card = card.counts.all_rays() as f64 / cpu.counts.all_rays() as f64;
+        assert!((of_card - 1.0).abs() < 0.005, "{name}: {:?} {:?}", card.counts, cpu.counts);
+    }
 }

@@ -1,7 +1,5 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
-use std::collections::HashMap;
-
 use lumicast_shaders::{GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PROOF_CONSTANTS};
 
 use super::{
@@ -9,7 +7,7 @@ use super::{
     *,
 };
 use crate::{
-    gpu::tests::{assert_same_layout, layout},
+    gpu::tests::{assert_same_layout, layout, numbers_of},
     scene::TextureSlot,
     technique::{GpuLightSet, GpuOctreeHeader},
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
@@ -237,18 +235,6 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
     let (sizes, byte_count) = layout(&PATH_TURN.source(PROOF_CONSTANTS), "Dispatch");
     assert_eq!(u64::from(byte_count), DISPATCH_BYTES);
     assert_eq!((sizes[3].name.as_str(), u64::from(sizes[3].offset)), ("shadow_rays_x", SHADOW_SIZES_AT));
-}
-
-/// Numbers that `source` declares, by name.
-fn numbers_of(source: &str) -> HashMap<String, f64> {
-    let module = naga::front::wgsl::parse_str(source).unwrap();
-    let number = |constant: &naga::Constant| match module.global_expressions[constant.init] {
-        naga::Expression::Literal(naga::Literal::F32(value)) => Some(f64::from(value)),
-        naga::Expression::Literal(naga::Literal::U32(value)) => Some(f64::from(value)),
-        _ => None,
-    };
-    let constants = module.constants.iter();
-    constants.filter_map(|(_, constant)| Some((constant.name.clone()?, number(constant)?))).collect()
 }
 
 /// Numbers that both languages write down for themselves are the same ones.
