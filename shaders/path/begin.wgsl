@@ -35,6 +35,7 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
     path.key = key;
     path.lost_m = 0.0;
     path.passing = 0u;
+    path.since_gathered = 0u;
     paths[slot] = path;
     samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u);
     queues[slot] = slot;

@@ -38,6 +38,7 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
     path.key = ray.key;
     path.lost_m = 0.0;
     path.passing = 0u;
+    path.since_gathered = 0u;
     paths[slot] = path;
     samples[slot] = RaySample(vec3f(0.0), -1.0, ray.index, 0u, 0u, 0u);
     queues[slot] = slot;

@@ -1,5 +1,5 @@
 // Takes each path to the surface that its ray met: light seen there, a light sample for the shadow rays to come, and where
-// the path goes on. `cpu.rs`, `Tracer::advance`, without maps of caustics and records.
+// the path goes on. `cpu.rs`, `Tracer::advance`.
 //
 // Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. Where `SHADOWS_KNOWN`, what lies
 // near the first diffuse surface from the eye shadows what is known of the light there, and is looked at. What a path passed
@@ -40,7 +40,7 @@ fn advance(slot: u32) -> bool {
     // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
     let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
     if hit.instance == NO_INDEX {
-        if !is_beyond_mirrors {
+        if !is_beyond_mirrors && !has_gathered(path, 2u) {
             add_environment(slot, path);
         }
         return false;
@@ -74,6 +74,9 @@ fn advance(slot: u32) -> bool {
             draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
         }
         known = scattered_light(surface, -path.direction, is_drawn, draw);
+        if HAS_FOCUSED {
+            known.caustic = vec3f(0.0);
+        }
         let is_too_near = LOOKS_PAST && hit.t < NEAR_BLURS * known.blur_m;
         // Never where scatterings are bounded.
         let is_passed = known.is_missing && pass_header.bounces_end >= BOUNCES_END;
@@ -97,7 +100,38 @@ fn advance(slot: u32) -> bool {
         passing = (passing & ~IS_NEAR) | select(0u, IS_NEAR, is_near || is_beyond_near);
         passing += select(0u, 1u << NEAR_COUNT_SHIFT, is_near);
     }
-    return scatter(slot, &path, hit, surface, sampler, followed, passing);
+    let is_gathering = HAS_FOCUSED && gather_focused(slot, path, surface, is_beyond_near);
+    return scatter(slot, &path, hit, surface, sampler, followed, passing, is_gathering);
+}
+
+/// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
+fn has_gathered(path: Path, scatterings: u32) -> bool {
+    return HAS_FOCUSED && (pass_header.focus & IS_ASKING) != 0u && path.since_gathered >= scatterings;
+}
+
+/// `Tracer::gather_focused`.
+fn gather_focused(slot: u32, path: Path, surface: Surface, is_beyond_near: bool) -> bool {
+    let is_broad = (pass_header.focus & SHOWS_CAUSTICS) != 0u
+        && has_broad_gloss(surface.bsdf)
+        && path.since_gathered == 0u
+        && !is_beyond_near;
+    let is_diffuse = has_diffuse(surface.bsdf);
+    if !(is_broad || is_diffuse) || path.bounce + 1u >= pass_header.bounces_end {
+        return false;
+    }
+    // What is looked up is bounded by itself, whatever lies between the surface and the eye.
+    let is_bounded = pass_header.bounces_end < BOUNCES_END && (pass_header.focus & IS_ASKING) == 0u;
+    let scatterings_max = select(0xffffffffu, pass_header.bounces_end - path.bounce - 1u, is_bounded);
+    let focused = focused_light(surface, -path.direction, scatterings_max);
+    if is_diffuse {
+        let class_of_light = class_after(class_after(path.class_so_far, false), true);
+        add_radiance(slot, class_of_light, path.throughput * focused.diffuse);
+    }
+    if is_broad {
+        let class_of_light = class_after(class_after(path.class_so_far, true), true);
+        add_radiance(slot, class_of_light, path.throughput * focused.glossy);
+    }
+    return is_broad;
 }
 
 /// What something near may hide of the known light.
@@ -146,7 +180,7 @@ fn add_emission(slot: u32, path: Path, hit: Hit, surface: Surface) {
     if path.class_so_far == EMITTED && !is_black(surface.unlit) {
         add_radiance(slot, EMITTED, path.throughput * surface.unlit);
     }
-    if is_black(surface.emitted) {
+    if is_black(surface.emitted) || has_gathered(path, 2u) {
         return;
     }
     var weight = 1.0;
@@ -229,7 +263,7 @@ fn add_light_sample(
         shadow.diffuse = arriving * value.diffuse.f_cos * weight;
     }
     // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
-    if followed == FOLLOWED_WANTED && is_traced(class_of_glossy) {
+    if followed == FOLLOWED_WANTED && is_traced(class_of_glossy) && !has_gathered(path, 1u) {
         let weight = select(power_heuristic(light.pdf, value.glossy.pdf_solid_angle), 1.0, light.is_delta);
         shadow.glossy = arriving * value.glossy.f_cos * weight;
     }
@@ -247,6 +281,7 @@ fn scatter(
     sampler: PixelSampler,
     followed: u32,
     passing: u32,
+    is_gathering: bool,
 ) -> bool {
     let u = four(sampler, 1u + 2u * (*path).bounce);
     let wo = -(*path).direction;
@@ -291,6 +326,8 @@ fn scatter(
     if drawn.is_specular {
         (*path).lost_m = 0.0;
     }
+    let goes_on = drawn.is_specular && (is_gathering || (*path).since_gathered > 0u);
+    (*path).since_gathered = select(0u, (*path).since_gathered + 1u, goes_on);
     paths[slot] = *path;
     return true;
 }

@@ -27,6 +27,11 @@ struct PassHeader {
     brought: u32,
     /// The first sample for which what lies near shadows known light.
     shadowed_from: u32,
+    /// `IS_ASKING`, `SHOWS_CAUSTICS`.
+    focus: u32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 struct Path {
@@ -49,8 +54,10 @@ struct Path {
     lost_m: f32,
     /// What it passed, see `shade.wgsl`.
     passing: u32,
+    /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
+    /// and after a diffuse one.
+    since_gathered: u32,
     padding_0: u32,
-    padding_1: u32,
 }
 
 /// A light sample, or known light, that waits for its shadow ray.
@@ -82,6 +89,10 @@ struct Counters {
     shadow_rays: u32,
     padding_0: u32,
 }
+
+/// What is focused on surfaces holds all light by way of mirrors and glass that falls there; else what is not found without it.
+const IS_ASKING: u32 = 1u;
+const SHOWS_CAUSTICS: u32 = 2u;
 
 const EMITTED: u32 = 0u;
 const DIRECT: u32 = 1u;

@@ -43,6 +43,8 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("HAS_GLTF", Constant::Bool(true)),
     ("HAS_SKY_PICTURE", Constant::Bool(true)),
     ("HAS_SECONDARY", Constant::Bool(true)),
+    ("HAS_FOCUSED", Constant::Bool(true)),
+    ("BROAD_ALPHA", Constant::F32(0.1)),
     ("LOOKS_PAST", Constant::Bool(true)),
     ("NEAR_BLURS", Constant::F32(2.0)),
     ("NEAR_MAX", Constant::U32(3)),

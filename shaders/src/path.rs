@@ -15,6 +15,7 @@ static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../oc
 static BY_OCTREE: Part = Part { name: "octree/asked", source: include_str!("../octree/asked.wgsl") };
 static BY_RECORDS: Part =
     Part { name: "irradiance/look_up", source: include_str!("../irradiance/look_up.wgsl") };
+static FOCUSED: Part = Part { name: "caustics/look_up", source: include_str!("../caustics/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
 static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
@@ -48,7 +49,20 @@ pub static PATH_CLOSEST: Step = Step {
 pub static PATH_SHADE: Step = Step {
     name: "path/shade",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &PIXEL, &KNOWN, &ALONE, &SHADE_ENTRY],
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &PIXEL,
+        &FOCUSED,
+        &KNOWN,
+        &ALONE,
+        &SHADE_ENTRY,
+    ],
     workgroup_size: [64, 1, 1],
 };
 
@@ -65,6 +79,7 @@ pub static PATH_SHADE_BY_OCTREE: Step = Step {
         &TREE,
         &STATE,
         &PIXEL,
+        &FOCUSED,
         &KNOWN,
         &OCTREE,
         &BY_OCTREE,
@@ -86,6 +101,7 @@ pub static PATH_SHADE_BY_RECORDS: Step = Step {
         &TREE,
         &STATE,
         &PIXEL,
+        &FOCUSED,
         &KNOWN,
         &OCTREE,
         &BY_RECORDS,
@@ -122,7 +138,20 @@ pub static GATHER_BEGIN: Step = Step {
 pub static GATHER_SHADE: Step = Step {
     name: "gather/shade",
     entry_point: "shade",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &RAY, &KNOWN, &ALONE, &SHADE_ENTRY],
+    parts: &[
+        &NUMBERS,
+        &SCENE,
+        &BSDF,
+        &SURFACE,
+        &LIGHTS,
+        &TREE,
+        &STATE,
+        &RAY,
+        &FOCUSED,
+        &KNOWN,
+        &ALONE,
+        &SHADE_ENTRY,
+    ],
     workgroup_size: [64, 1, 1],
 };
 
@@ -139,6 +168,7 @@ pub static GATHER_SHADE_BY_OCTREE: Step = Step {
         &TREE,
         &STATE,
         &RAY,
+        &FOCUSED,
         &KNOWN,
         &OCTREE,
         &BY_OCTREE,
@@ -160,6 +190,7 @@ pub static GATHER_SHADE_BY_RECORDS: Step = Step {
         &TREE,
         &STATE,
         &RAY,
+        &FOCUSED,
         &KNOWN,
         &OCTREE,
         &BY_RECORDS,

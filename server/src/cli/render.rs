@@ -59,11 +59,6 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    if rendering.is_on_gpu() && rendering.gpu_passes() == 0 {
-        eprintln!(
-            "note: drawn on the CPU: caustics by photons of their own are not seen on a graphics card yet"
-        );
-    }
     if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, rendering.measured_error()) {
         eprintln!("warning: {missed}");
     }

@@ -8,8 +8,8 @@ use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
-use lumicast_engine::render::{Backend, Rendering};
-use lumicast_engine::technique::path::{Asked, GpuScene};
+use lumicast_engine::render::{Backend, Indirect, RenderSettings, Rendering};
+use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// A scene is brought to the card once it was left alone for so long: who drags a lamp changes it with every picture.
 const SETTLED: Duration = Duration::from_millis(300);
+/// What viewers are expected to ask for; shaders for others are compiled when they are first drawn.
+const EXPECTED: [Indirect; 2] = [Indirect::Auto, Indirect::Octree];
 /// A device that is gone is looked for again so much later.
 const RETRY: Duration = Duration::from_secs(5);
 
@@ -199,11 +201,13 @@ impl SceneOnCard {
             let (scene, outcome) = (Arc::clone(&scene), Arc::clone(&outcome));
             let is_busy = Arc::clone(&workshop.card.is_busy);
             move || {
-                // Most viewers look at light that is looked up, in records if they did not choose. Drivers may panic in wgpu: that is
-                // a failure like others.
-                let all = || [Asked::Records, Asked::Octree].map(Some).into_iter();
-                let made =
-                    catch_unwind(AssertUnwindSafe(|| all().try_for_each(|asked| scene.make_ready(asked))));
+                // Drivers may panic in wgpu: that is a failure like others.
+                let made = catch_unwind(AssertUnwindSafe(|| {
+                    EXPECTED.iter().try_for_each(|indirect| {
+                        let settings = RenderSettings { indirect: *indirect, ..RenderSettings::default() };
+                        settings.make_ready_to_draw(&scene)
+                    })
+                }));
                 let failed =
                     |_| Err(GpuError::Failed { what: "bringing the scene to the card panicked".into() });
                 *lock(&outcome) = Some(made.unwrap_or_else(failed));

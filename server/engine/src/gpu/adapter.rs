@@ -6,7 +6,7 @@ use super::GpuError;
 
 /// Storage buffers that one step may bind: trees, shading data and film of a path tracer. WebGPU promises 8, cards of the
 /// last ten years have far more.
-const STORAGE_BUFFERS_NEEDED: u32 = 23;
+const STORAGE_BUFFERS_NEEDED: u32 = 25;
 
 /// Which adapters may be taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -191,7 +191,7 @@ mod tests {
         let refused = check_limits("old card", &wgpu::Limits::default()).unwrap_err();
         assert_eq!(
             refused.to_string(),
-            "adapter \"old card\" has 8 storage buffers a shader, and 23 are needed; take the CPU backend"
+            "adapter \"old card\" has 8 storage buffers a shader, and 25 are needed; take the CPU backend"
         );
     }
 }

@@ -9,7 +9,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Learnt, RenderSettings, Rendering, all_paths, beside};
+use super::{Indirect, Learnt, RenderSettings, Rendering, all_paths, beside, step_on};
 use crate::{
     effects::EffectPlan,
     film::{Film, PictureSize},
@@ -17,7 +17,10 @@ use crate::{
     scene::CameraView,
     technique::{
         ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
-        path::{ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, rays_over_a_picture},
+        path::{
+            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, Shading,
+            rays_over_a_picture,
+        },
     },
     transport::World,
 };
@@ -184,23 +187,36 @@ impl RenderSettings {
     ///
     /// Errors: what the card does not do.
     pub fn make_ready(&self, scene: &GpuScene) -> Result<(), GpuError> {
-        match self.learns(&EffectPlan::of(scene.world().scene())) {
-            None => scene.make_ready(None),
-            Some(Learnt::Octree) => scene.make_ready(Some(Asked::Octree)),
-            Some(Learnt::Records) => {
-                scene.make_ready(Some(Asked::Records))?;
-                // With a bound on scatterings nobody is asked: see `Learner`.
-                scene.make_ready_to_gather(self.bounces_max.is_none().then_some(Asked::Octree))
-            }
+        self.make_ready_to_draw(scene)?;
+        if self.learns(&EffectPlan::of(scene.world().scene())) != Some(Learnt::Records) {
+            return Ok(());
         }
+        // With a bound on scatterings nobody is asked: see `Learner`.
+        let asked = self.bounces_max.is_none().then_some(Asked::Octree);
+        scene.make_ready_to_gather(Shading { asked, is_focused: false })
+    }
+
+    /// The same for pictures that learn nothing by themselves.
+    ///
+    /// Errors: what the card does not do.
+    pub fn make_ready_to_draw(&self, scene: &GpuScene) -> Result<(), GpuError> {
+        let plan = EffectPlan::of(scene.world().scene());
+        let asked = self.learns(&plan).map(|learnt| match learnt {
+            Learnt::Octree => Asked::Octree,
+            Learnt::Records => Asked::Records,
+        });
+        let is_hidden = self.brings_hidden(&plan);
+        scene.make_ready(Shading { asked, is_focused: self.focuses(&plan) || is_hidden })?;
+        if self.indirect == Indirect::Auto {
+            // Path tracing, before anything is known and beside that.
+            scene.make_ready(Shading { asked: None, is_focused: is_hidden })?;
+        }
+        Ok(())
     }
 }
 
 impl Rendering {
-    /// Draws on a card from now on; where the picture has records of its own, their light is gathered there too. A film that
-    /// shows caustics by photons of its own stays on the CPU, as long as nothing on the card looks at those: without them a gloss
-    /// that sees a lamp in a mirror or by way of glass finds it in a few bright samples that no measure of some hundred pixels
-    /// meets (rough metal in `cornell-glossy`: 41 % where 10 % were measured).
+    /// Draws on a card from now on; where the picture has records of its own, their light is gathered there too.
     ///
     /// - `scene`: of the same world
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) {
@@ -279,35 +295,30 @@ impl Rendering {
         }
     }
 
-    /// A pass on the card; `None` where the CPU draws it: after a failure, where photons of their own bring caustics, and as long
-    /// as path tracing alone draws what it cannot find without photons.
-    pub(super) fn draw_on_gpu(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+    /// A pass on the card; `None` where the CPU draws it, and after a failure.
+    ///
+    /// - `products`: focused light of the pass
+    pub(super) fn draw_on_gpu(&mut self, products: &mut Products, cancel: &AtomicBool) -> Option<Progress> {
         let gpu = self.gpu.as_mut()?;
-        if self.caustics.is_some() || self.hidden[0].is_some() && !self.technique.asks() {
-            return None;
-        }
         let drawing = &mut gpu.drawing;
         drawing.draw_as(&self.technique);
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
-        let progress = step_on_gpu(drawing, (&self.world, &self.view), &mut self.film, cancel);
+        let progress = step_on(drawing, (&self.world, &self.view), &mut self.film, products, cancel);
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
         let rays = self.count_pass(&progress, seconds);
         self.looked_up_rays += rays;
         Some(progress)
     }
 
-    /// A pass of the path-traced film on the card; `None` where the CPU draws it.
-    pub(super) fn trace_on_gpu(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        if self.hidden[1].is_some() {
-            return None;
-        }
+    /// A pass of the path-traced film on the card; as [`Rendering::draw_on_gpu`].
+    pub(super) fn trace_on_gpu(&mut self, products: &mut Products, cancel: &AtomicBool) -> Option<Progress> {
         let gpu = self.gpu.as_mut()?;
         let (size, settings) = (self.film.size(), beside(&self.settings));
         let film = self.traced.get_or_insert_with(|| Film::new(size));
         let scene = &gpu.scene;
         let tracing = gpu.tracing.get_or_insert_with(|| GpuPathTracer::new(Arc::clone(scene), settings));
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
-        let progress = step_on_gpu(tracing, (&self.world, &self.view), film, cancel);
+        let progress = step_on(tracing, (&self.world, &self.view), film, products, cancel);
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
         let rays = self.count_pass(&progress, seconds);
         self.traced_rays += rays;
@@ -330,14 +341,4 @@ impl Rendering {
         }
         rays
     }
-}
-
-fn step_on_gpu(
-    technique: &mut GpuPathTracer,
-    (world, view): (&World, &View),
-    film: &mut Film,
-    cancel: &AtomicBool,
-) -> Progress {
-    let (canvas, products) = (Some(Canvas { view, film }), &mut Products::default());
-    technique.step(&mut Step { world, products, canvas, cancel })
 }

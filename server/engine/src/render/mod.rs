@@ -410,17 +410,15 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
-        #[cfg(feature = "gpu")]
-        if let Some(progress) = self.draw_on_gpu(cancel) {
-            return progress;
-        }
         let pass = pass_of(&self.film);
         let withdrawn = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
         if withdrawn.is_some() {
             self.film.outdate(&[PathClass::Caustic], Outdated::Wrong);
         }
         let sketched = self.sketch.as_ref().and_then(|sketch| sketch.seen_by(&self.view));
-        let (products, prepared) = match (&mut self.caustics, sketched) {
+        // What a sketch shows is not looked up on a card.
+        let is_sketched = self.caustics.is_some() && sketched.is_some();
+        let (mut products, prepared) = match (&mut self.caustics, sketched) {
             (Some(_), Some(caustics)) => {
                 let seen = Products { caustics: Some(caustics), ..Products::default() };
                 (seen, Progress { complete: true, ..Progress::default() })
@@ -431,31 +429,49 @@ impl Rendering {
             }
             _ => hidden_light(&mut self.hidden[0], &self.world, pass, cancel),
         };
-        let progress = step_on(
-            &mut self.technique,
-            (&self.world, &self.view),
-            &mut self.film,
-            products,
-            prepared,
-            cancel,
-        );
-        self.looked_up_rays += progress.counts.all_rays();
-        progress
+        self.looked_up_rays += prepared.counts.all_rays();
+        if !prepared.complete {
+            return prepared;
+        }
+        let on_gpu = if is_sketched { None } else { self.draw_on_gpu(&mut products, cancel) };
+        let progress = on_gpu.unwrap_or_else(|| {
+            let of = (&*self.world, &self.view);
+            let progress = step_on(&mut self.technique, of, &mut self.film, &mut products, cancel);
+            self.looked_up_rays += progress.counts.all_rays();
+            progress
+        });
+        Progress { counts: prepared.counts + progress.counts, ..progress }
     }
 
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
-        #[cfg(feature = "gpu")]
-        if let Some(progress) = self.trace_on_gpu(cancel) {
-            return progress;
-        }
         let size = self.film.size();
-        let film = self.traced.get_or_insert_with(|| Film::new(size));
-        let (products, prepared) = hidden_light(&mut self.hidden[1], &self.world, pass_of(film), cancel);
-        let mut technique = PathTracer::new(beside(&self.settings));
-        let progress = step_on(&mut technique, (&self.world, &self.view), film, products, prepared, cancel);
-        self.traced_rays += progress.counts.all_rays();
-        progress
+        let pass = pass_of(self.traced.get_or_insert_with(|| Film::new(size)));
+        let (mut products, prepared) = hidden_light(&mut self.hidden[1], &self.world, pass, cancel);
+        self.traced_rays += prepared.counts.all_rays();
+        if !prepared.complete {
+            return prepared;
+        }
+        let progress = self.trace_on_gpu(&mut products, cancel).unwrap_or_else(|| {
+            let film = self.traced.get_or_insert_with(|| Film::new(size));
+            let mut technique = PathTracer::new(beside(&self.settings));
+            let progress = step_on(&mut technique, (&self.world, &self.view), film, &mut products, cancel);
+            self.traced_rays += progress.counts.all_rays();
+            progress
+        });
+        Progress { counts: prepared.counts + progress.counts, ..progress }
+    }
+
+    /// Nothing draws but the CPU.
+    #[cfg(not(feature = "gpu"))]
+    fn draw_on_gpu(&mut self, _products: &mut Products, _cancel: &AtomicBool) -> Option<Progress> {
+        None
+    }
+
+    /// Nothing draws but the CPU.
+    #[cfg(not(feature = "gpu"))]
+    fn trace_on_gpu(&mut self, _products: &mut Products, _cancel: &AtomicBool) -> Option<Progress> {
+        None
     }
 
     /// Which film is drawn next.
@@ -617,21 +633,15 @@ fn hidden_light(
     }
 }
 
-/// A pass of a film with what was prepared for it, once that is complete.
+/// A pass of a film with what was prepared for it.
 fn step_on(
-    technique: &mut PathTracer,
+    technique: &mut dyn Technique,
     (world, view): (&World, &View),
     film: &mut Film,
-    mut products: Products,
-    prepared: Progress,
+    products: &mut Products,
     cancel: &AtomicBool,
 ) -> Progress {
-    if !prepared.complete {
-        return prepared;
-    }
-    let canvas = Some(Canvas { view, film });
-    let progress = technique.step(&mut Step { world, products: &mut products, canvas, cancel });
-    Progress { counts: prepared.counts + progress.counts, ..progress }
+    technique.step(&mut Step { world, products, canvas: Some(Canvas { view, film }), cancel })
 }
 
 /// Settings of a path tracer of all that is to be seen.

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::Sheet;
 use crate::{
     math::Rgb,
-    technique::{FocusedLight, FocusedScatter},
+    technique::{FocusedLight, FocusedScatter, PackedPhotons},
     transport::{Bsdf, Surface},
 };
 
@@ -22,7 +22,7 @@ pub(super) const FLATNESS: f32 = 2.5;
 pub(super) const FACING_COS: f32 = 0.5;
 /// Least cosine of the true normal over that of the shading normal: below, the few photons that still arrive would outshine
 /// everything.
-const COS_RATIO_MIN: f32 = 0.02;
+pub(super) const COS_RATIO_MIN: f32 = 0.02;
 
 /// A photon where it fell on a diffuse surface or a broad gloss.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,24 +48,24 @@ pub struct CausticPhoton {
 /// The caustics of one pass.
 #[derive(Debug)]
 pub struct CausticMap {
-    grids: Vec<Grid>,
+    pub(super) grids: Vec<Grid>,
 }
 
 /// Photons of about one radius, by the cells that their blurs reach.
 #[derive(Debug)]
-struct Grid {
+pub(super) struct Grid {
     /// Width of a cell: the largest radius.
-    cell_m: f32,
+    pub(super) cell_m: f32,
     /// Where blurs reach.
-    min: Vec3,
-    max: Vec3,
+    pub(super) min: Vec3,
+    pub(super) max: Vec3,
     /// Where the entries of a bucket begin; one more than there are buckets.
-    starts: Vec<u32>,
+    pub(super) starts: Vec<u32>,
     /// Numbers of photons, each once in every bucket of a cell that its blur reaches.
-    entries: Vec<u32>,
+    pub(super) entries: Vec<u32>,
     /// Place and squared radius of every photon, which is all that most are asked for.
     places: Vec<[f32; 4]>,
-    photons: Vec<CausticPhoton>,
+    pub(super) photons: Vec<CausticPhoton>,
 }
 
 impl CausticMap {
@@ -220,6 +220,10 @@ impl FocusedLight for CausticMap {
             });
         }
         lit.scatter()
+    }
+
+    fn packed(&self) -> Option<PackedPhotons> {
+        Some(self.pack_photons())
     }
 }
 

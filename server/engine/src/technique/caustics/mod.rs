@@ -23,6 +23,7 @@ mod screen;
 mod targets;
 #[cfg(test)]
 mod tests;
+mod upload;
 
 use std::{
     ops::Range,

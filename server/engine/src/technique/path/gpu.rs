@@ -13,6 +13,7 @@
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
 mod gather;
+mod known;
 mod scene;
 mod step_clock;
 #[cfg(test)]
@@ -26,10 +27,14 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
-pub use scene::{Asked, GpuScene};
+pub use known::{Asked, Shading};
+pub use scene::GpuScene;
 pub use step_clock::StepSeconds;
 
-use self::tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN};
+use self::{
+    known::LightBeside,
+    tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN},
+};
 use super::{
     CARD, PathSettings, PathTracer, View,
     cpu::{BOUNCES_END, primary_ray},
@@ -38,7 +43,7 @@ use crate::{
     film::{Film, PixelSample},
     gpu::GpuError,
     math::{Rgb, sobol::PixelSampler},
-    technique::{Canvas, Card, Counts, Edit, Progress, SecondaryLight, Step, Technique},
+    technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
     transport::PathClass,
 };
 
@@ -47,6 +52,9 @@ use crate::{
 const BATCH_SECONDS: f64 = 0.01;
 /// The same where the adapter is the CPU itself: no watchdog there, and small batches cost as much to begin as to run.
 const SOFTWARE_BATCH_SECONDS: f64 = 0.1;
+/// Flags of `GpuPassHeader::focus`.
+const IS_ASKING: u32 = 1;
+const SHOWS_CAUSTICS: u32 = 2;
 /// Devices that may be lost one after the other without a finished pass before it is given up.
 const LOSSES_MAX: u32 = 3;
 
@@ -73,6 +81,10 @@ pub(super) struct GpuPassHeader {
     bounces_end: u32,
     brought: u32,
     shadowed_from: u32,
+    focus: u32,
+    padding_0: u32,
+    padding_1: u32,
+    padding_2: u32,
 }
 
 /// `PixelSample` in WGSL.
@@ -110,6 +122,7 @@ pub(super) struct GpuCounters {
 struct Begun {
     header: GpuPassHeader,
     pass: u32,
+    focused: Option<Arc<dyn FocusedLight>>,
     /// Of the pixels so far, in rows.
     samples: Vec<GpuPixelSample>,
 }
@@ -138,13 +151,9 @@ impl GpuPathTracer {
         GpuPathTracer { scene, settings, secondary: None, begun: None, slice: SLICE_MIN, failure: None }
     }
 
-    /// Draws what `tracer` would from now on; maps of caustics excepted.
+    /// Draws what `tracer` would from now on.
     pub fn draw_as(&mut self, tracer: &PathTracer) {
-        let is_same = match (&self.secondary, &tracer.secondary) {
-            (None, None) => true,
-            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-            _ => false,
-        };
+        let is_same = known::is_same(self.secondary.as_ref(), tracer.secondary.as_ref());
         if self.settings != tracer.settings || !is_same {
             self.settings = tracer.settings;
             self.secondary.clone_from(&tracer.secondary);
@@ -166,8 +175,8 @@ impl GpuPathTracer {
     fn trace_slice(&mut self, begun: &mut Begun, pixel_count: usize) -> Result<Counts, GpuError> {
         let first_pixel = begun.samples.len() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let known = self.secondary.as_ref();
-        let slice = self.scene.trace_with(PathStart::Pixels, pixel_count, known, |tracing| {
+        let light = LightBeside { known: self.secondary.as_ref(), focused: begun.focused.as_ref() };
+        let slice = self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
             let capacity = tracing.capacity();
             let path_count = wanted.min(capacity);
             tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
@@ -189,10 +198,14 @@ impl GpuPathTracer {
         let pass = film.passes_min();
         let pixel_count = film.size().pixel_count();
         let header = self.header_of(view, film, pass);
-        let of_this = |begun: &Begun| begun.header == header && begun.pass == pass;
+        let focused = &step.products.caustics;
+        let of_this = |begun: &Begun| {
+            let is_same = known::is_same(begun.focused.as_ref(), focused.as_ref());
+            begun.header == header && begun.pass == pass && is_same
+        };
         let mut begun = match self.begun.take().filter(of_this) {
             Some(begun) => begun,
-            None => Begun { header, pass, samples: room_for(pixel_count)? },
+            None => Begun { header, pass, focused: focused.clone(), samples: room_for(pixel_count)? },
         };
         while begun.samples.len() < pixel_count {
             if step.cancel.load(Ordering::Relaxed) {
@@ -225,6 +238,8 @@ impl GpuPathTracer {
             traced: self.settings.traced.bits(),
             bounces_end: self.settings.bounces_max.unwrap_or(BOUNCES_END),
             shadowed_from: self.settings.shadowed_from(),
+            focus: if self.settings.asks { IS_ASKING } else { 0 }
+                | if self.settings.shown.contains(PathClass::Caustic) { SHOWS_CAUSTICS } else { 0 },
             ..GpuPassHeader::zeroed()
         }
     }

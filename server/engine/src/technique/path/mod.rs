@@ -34,7 +34,9 @@ use rayon::prelude::*;
 
 pub use gauge::{Gauge, SampleCost};
 #[cfg(feature = "gpu")]
-pub use gpu::{ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, StepSeconds, rays_over_a_picture};
+pub use gpu::{
+    ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, Shading, StepSeconds, rays_over_a_picture,
+};
 pub use view::View;
 
 use super::{

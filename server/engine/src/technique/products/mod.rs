@@ -22,7 +22,10 @@ pub use self::{
     crease::CREASE_ANGLE_RAD,
     gather::{Gather, GatherBounds, GatheredPhoton},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
-    packed::{GpuLightSet, GpuOctreeHeader, GpuRecord, LIKE_COS, PackedLight, PackedRecords},
+    packed::{
+        GpuLightSet, GpuOctreeHeader, GpuPhoton, GpuRecord, LIKE_COS, PackedLight, PackedPhotons,
+        PackedRecords,
+    },
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
     touched::{Touched, TouchedBoxes, renamed_instances},
@@ -146,6 +149,11 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     ///
     /// - `scatterings_max`: most scatterings before, of what counts
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
+
+    /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
+    fn packed(&self) -> Option<PackedPhotons> {
+        None
+    }
 }
 
 /// A ray that light is gathered along.

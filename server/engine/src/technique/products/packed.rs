@@ -1,5 +1,5 @@
 //! What is known of a scene's light, packed for look-ups on a graphics card: plain data in the order in which
-//! `shaders/octree/look_up.wgsl` and `shaders/irradiance/look_up.wgsl` read it.
+//! the folders `octree`, `irradiance` and `caustics` of the shaders read it.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -134,5 +134,36 @@ pub struct PackedRecords {
     /// Of the finest cache, then of rougher ones.
     pub records: Vec<GpuRecord>,
     /// How many caches there are; what answers after them; what says where the records of each cache are, and those words.
+    pub words: Vec<u32>,
+}
+
+/// A photon of light that only mirrors and glass sent on, where it fell; `Photon` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuPhoton {
+    /// Render space.
+    pub position: [f32; 3],
+    /// Square of how far it is blurred, m².
+    pub r2: f32,
+    /// W.
+    pub flux_w: [f32; 3],
+    /// Before it fell there.
+    pub scatterings: u32,
+    /// Where it came from.
+    pub direction: [f32; 3],
+    /// Nothing.
+    pub padding_0: u32,
+    /// Of the surface on the side it fell on.
+    pub normal: [f32; 3],
+    /// Nothing.
+    pub padding_1: u32,
+}
+
+/// Focused light of one pass, ready to be copied into buffers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedPhotons {
+    /// Grid by grid.
+    pub photons: Vec<GpuPhoton>,
+    /// How many grids there are, what each is, and what their cells name.
     pub words: Vec<u32>,
 }

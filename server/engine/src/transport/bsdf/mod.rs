@@ -34,7 +34,7 @@ use crate::math::{Rgb, warp};
 pub const SMOOTH_ALPHA: f32 = 1e-3;
 
 /// GGX α from which on photons are gathered for a lobe: some six degrees wide.
-const BROAD_ALPHA: f32 = 0.1;
+pub const BROAD_ALPHA: f32 = 0.1;
 
 /// A scattering model with its parameters at one surface point.
 #[derive(Clone, Copy, Debug)]

@@ -13,7 +13,9 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::{
-    BOUNCES_END, GpuPassHeader, GpuScene, LOSSES_MAX, PathTracer, View, primary_ray,
+    BOUNCES_END, GpuPassHeader, GpuScene, LOSSES_MAX, PathTracer, View,
+    known::LightBeside,
+    primary_ray,
     tracing::{PathStart, RAY_SAMPLE_BYTES, SLICE_MIN},
 };
 use crate::{
@@ -175,8 +177,9 @@ impl GpuGatherer {
         };
         // In powers of two, so that a few more rays than before do not need other places.
         let room = rays.len().next_power_of_two();
+        let light = LightBeside { known: tracer.secondary.as_ref(), focused: None };
         loop {
-            let traced = self.scene.trace_with(PathStart::Rays, room, tracer.secondary.as_ref(), |tracing| {
+            let traced = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
                 tracing.write_rays(&rays)?;
                 tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
             });

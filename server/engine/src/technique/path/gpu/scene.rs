@@ -2,21 +2,24 @@
 
 use std::sync::{Arc, Mutex, atomic::AtomicU32};
 
-use bytemuck::Zeroable;
 use lumicast_shaders::Constant;
 
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
+    known::{KnownOnCard, LightBeside, Shading},
     tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
 };
 use crate::{
     accel::{GAMMA_5, GAMMA_19},
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
-        GpuOctreeHeader, LIKE_COS, PackedLight, PackedRecords, SecondaryLight,
+        LIKE_COS,
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
-    transport::{TEXTURE_FLAGS, World, WorldBuffers, bsdf::SMOOTH_ALPHA},
+    transport::{
+        TEXTURE_FLAGS, World, WorldBuffers,
+        bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
+    },
 };
 
 /// A scene on a card.
@@ -82,8 +85,15 @@ impl GpuWorld {
 }
 
 impl GpuWorld {
-    pub(super) fn constants_of_shade(&self, from: PathStart, asks: bool) -> Vec<(&'static str, Constant)> {
+    pub(super) fn constants_of_shade(
+        &self,
+        from: PathStart,
+        shading: Shading,
+    ) -> Vec<(&'static str, Constant)> {
         let mut constants = self.constants.clone();
+        let asks = shading.asked.is_some();
+        constants.push(("HAS_FOCUSED", Constant::Bool(shading.is_focused)));
+        constants.push(("BROAD_ALPHA", Constant::F32(BROAD_ALPHA)));
         constants.push(("HAS_SECONDARY", Constant::Bool(asks)));
         constants.push(("LOOKS_PAST", Constant::Bool(asks && from == PathStart::Rays)));
         constants.push(("NEAR_BLURS", Constant::F32(NEAR_BLURS)));
@@ -91,108 +101,6 @@ impl GpuWorld {
         constants.push(("SHADOWS_KNOWN", Constant::Bool(asks && from == PathStart::Pixels)));
         constants.push(("FROM_DIMENSION", Constant::U32(FROM_DIMENSION)));
         constants
-    }
-}
-
-/// What paths ask for light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
-    /// The light octree.
-    Octree,
-    /// Records of irradiance, and the octree where none counts.
-    Records,
-}
-
-impl Asked {
-    pub(super) const COUNT: usize = 2;
-}
-
-/// Light in cells, on a card.
-#[derive(Debug)]
-struct CellsOnCard {
-    /// `None`: nothing is known.
-    known: Option<Arc<dyn SecondaryLight>>,
-    /// Header, nodes, groups and lights.
-    buffers: [Buffer; 4],
-}
-
-impl CellsOnCard {
-    fn new(session: &Session, known: Option<&Arc<dyn SecondaryLight>>) -> Result<CellsOnCard, GpuError> {
-        let packed = match known {
-            Some(known) => known.packed().ok_or_else(|| {
-                let what =
-                    format!("the light that {} knows is not packed for graphics cards", known.card().name);
-                GpuError::Failed { what }
-            })?,
-            None => PackedLight {
-                header: GpuOctreeHeader::zeroed(),
-                words: Vec::new(),
-                sets: Vec::new(),
-                vdls: Vec::new(),
-            },
-        };
-        Ok(CellsOnCard {
-            known: known.cloned(),
-            buffers: [
-                session.buffer_of("octree header", &[packed.header])?,
-                session.buffer_of("octree", &packed.words)?,
-                session.buffer_of("light sets", &packed.sets)?,
-                session.buffer_of("virtual lights", &packed.vdls)?,
-            ],
-        })
-    }
-
-    fn is_of(&self, known: Option<&Arc<dyn SecondaryLight>>) -> bool {
-        match (&self.known, known) {
-            (Some(own), Some(known)) => Arc::ptr_eq(own, known),
-            (own, known) => own.is_none() && known.is_none(),
-        }
-    }
-}
-
-/// What is known of a scene's light, on a card.
-#[derive(Debug)]
-pub(super) struct LightOnCard {
-    pub(super) asked: Asked,
-    /// `None`: nothing is known.
-    known: Option<Arc<dyn SecondaryLight>>,
-    cells: Arc<CellsOnCard>,
-    /// Kept for as long as the group that binds them.
-    _records: [Buffer; 2],
-    pub(super) group: BindGroup,
-    pub(super) layout: Arc<Layout>,
-}
-
-impl LightOnCard {
-    fn new(
-        session: &Arc<Session>,
-        asked: Asked,
-        known: Option<&Arc<dyn SecondaryLight>>,
-        cells: Arc<CellsOnCard>,
-        records: Option<&PackedRecords>,
-    ) -> Result<LightOnCard, GpuError> {
-        let (of_records, words) =
-            records.map_or((&[][..], &[][..]), |packed| (&packed.records[..], &packed.words[..]));
-        let records =
-            [session.buffer_of("records", of_records)?, session.buffer_of("words of records", words)?];
-        // The same for all that is asked: what a step does not read it may have.
-        let layout = session.layout(&[
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-        ])?;
-        let buffers: Vec<&Buffer> = cells.buffers.iter().chain(&records).collect();
-        let group = session.bind(&layout, &buffers)?;
-        Ok(LightOnCard { asked, known: known.cloned(), cells, _records: records, group, layout })
-    }
-
-    /// No light at all.
-    fn nothing(session: &Arc<Session>, asked: Asked) -> Result<LightOnCard, GpuError> {
-        let cells = Arc::new(CellsOnCard::new(session, None)?);
-        LightOnCard::new(session, asked, None, cells, None)
     }
 }
 
@@ -204,9 +112,7 @@ struct Ready {
     /// Paths of pixels and of rays, each once they were asked for.
     pixels: Option<Paths>,
     rays: Option<Paths>,
-    /// What was last asked for light, of each kind. It stays on the card until something else of its kind is: films that ask and
-    /// films that do not take turns.
-    lights: [Option<LightOnCard>; Asked::COUNT],
+    known: KnownOnCard,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
     shader_seconds: f64,
 }
@@ -214,83 +120,40 @@ struct Ready {
 impl Ready {
     fn new(session: Arc<Session>, world: &World) -> Result<Ready, GpuError> {
         let world = GpuWorld::new(&session, world)?;
-        Ok(Ready {
-            session,
-            world,
-            pixels: None,
-            rays: None,
-            lights: Default::default(),
-            shader_seconds: 0.0,
-        })
+        let known = KnownOnCard::nothing(&session)?;
+        Ok(Ready { session, world, pixels: None, rays: None, known, shader_seconds: 0.0 })
     }
 
-    /// Has places for so many paths of a slice and the steps they go through, also those that ask for light.
-    fn prepare(&mut self, from: PathStart, capacity: u32, asked: Option<Asked>) -> Result<(), GpuError> {
+    /// Has places for so many paths of a slice and the steps they go through.
+    fn prepare(&mut self, from: PathStart, capacity: u32, shading: Shading) -> Result<(), GpuError> {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
-        if let Some(asked) = asked {
-            let light = &mut self.lights[asked as usize];
-            if light.is_none() {
-                *light = Some(LightOnCard::nothing(session, asked)?);
-            }
-        }
         let paths = match from {
             PathStart::Pixels => &mut self.pixels,
             PathStart::Rays => &mut self.rays,
         };
-        let is_new = paths.is_none();
         let paths = match paths {
             Some(paths) => paths,
             nothing => nothing.insert(Paths::new(session, world, from, capacity)?),
         };
         paths.make_room(session, capacity)?;
         let mut first_seconds = 0.0;
-        if is_new {
-            first_seconds += Tracing { session, world, paths, light: None }.use_first()?;
-        }
-        if let Some(light) = asked.and_then(|asked| self.lights[asked as usize].as_ref())
-            && paths.be_able_to_ask(session, world, light)?
-        {
-            first_seconds += Tracing { session, world, paths, light: Some(light) }.use_first()?;
+        if paths.be_able_to(session, world, &self.known, shading)? {
+            first_seconds = Tracing { session, world, paths, known: &self.known, shading }.use_first()?;
         }
         self.shader_seconds += session.shader_seconds() - compiled + first_seconds;
         Ok(())
     }
 
-    /// Brings what `known` knows to the card, unless it is there, and says what that is.
-    fn bring(&mut self, known: &Arc<dyn SecondaryLight>) -> Result<Asked, GpuError> {
-        let is_there = |light: &&LightOnCard| light.known.as_ref().is_some_and(|own| Arc::ptr_eq(own, known));
-        if let Some(light) = self.lights.iter().flatten().find(is_there) {
-            return Ok(light.asked);
-        }
-        let records = known.packed_records();
-        let (asked, of_cells) = match &records {
-            Some(_) => (Asked::Records, known.base()),
-            None => (Asked::Octree, Some(known)),
-        };
-        let mut lights = self.lights.iter().flatten();
-        let there = lights.find(|light| light.cells.is_of(of_cells)).map(|light| Arc::clone(&light.cells));
-        // The old light makes room first.
-        self.lights[asked as usize] = None;
-        let cells = match there {
-            Some(cells) => cells,
-            None => Arc::new(CellsOnCard::new(&self.session, of_cells)?),
-        };
-        let light = LightOnCard::new(&self.session, asked, Some(known), cells, records.as_ref())?;
-        self.lights[asked as usize] = Some(light);
-        Ok(asked)
-    }
-
-    /// What traces paths that ask for light, or nobody; after [`Ready::prepare`].
-    fn tracing(&self, from: PathStart, asked: Option<Asked>) -> Result<Tracing<'_>, GpuError> {
+    /// What traces such paths; after [`Ready::prepare`].
+    fn tracing(&self, from: PathStart, shading: Shading) -> Result<Tracing<'_>, GpuError> {
         let paths = match from {
             PathStart::Pixels => &self.pixels,
             PathStart::Rays => &self.rays,
         };
         let unprepared = || GpuError::Failed { what: "paths were not prepared".into() };
         let paths = paths.as_ref().ok_or_else(unprepared)?;
-        let light = asked.and_then(|asked| self.lights[asked as usize].as_ref());
-        Ok(Tracing { session: &self.session, world: &self.world, paths, light })
+        Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading })
     }
 }
 
@@ -350,24 +213,22 @@ impl GpuScene {
         *locked(&self.gone_shader_seconds) += held.take().map_or(0.0, |ready| ready.shader_seconds);
     }
 
-    /// Uploads all and compiles what pictures need, so that their first pass waits for neither.
-    ///
-    /// - `asked`: what they ask for light; `None`: nobody
+    /// Uploads all and compiles what pictures need that are shaded so, so that their first pass waits for neither.
     ///
     /// Errors: what the card does not do.
-    pub fn make_ready(&self, asked: Option<Asked>) -> Result<(), GpuError> {
-        self.prepare(PathStart::Pixels, asked)
+    pub fn make_ready(&self, shading: Shading) -> Result<(), GpuError> {
+        self.prepare(PathStart::Pixels, shading)
     }
 
     /// The same for gathering light along rays.
     ///
     /// Errors: what the card does not do.
-    pub fn make_ready_to_gather(&self, asked: Option<Asked>) -> Result<(), GpuError> {
-        self.prepare(PathStart::Rays, asked)
+    pub fn make_ready_to_gather(&self, shading: Shading) -> Result<(), GpuError> {
+        self.prepare(PathStart::Rays, shading)
     }
 
-    fn prepare(&self, from: PathStart, asked: Option<Asked>) -> Result<(), GpuError> {
-        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, asked))
+    fn prepare(&self, from: PathStart, shading: Shading) -> Result<(), GpuError> {
+        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, shading))
     }
 
     /// Most paths of a slice.
@@ -394,14 +255,14 @@ impl GpuScene {
         &self,
         from: PathStart,
         path_count: usize,
-        known: Option<&Arc<dyn SecondaryLight>>,
+        light: LightBeside<'_>,
         work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
         self.with_ready(&mut locked(&self.ready), |ready| {
-            let asked = known.map(|known| ready.bring(known)).transpose()?;
-            ready.prepare(from, capacity, asked)?;
-            work(ready.tracing(from, asked)?)
+            let shading = ready.known.bring(&ready.session, light)?;
+            ready.prepare(from, capacity, shading)?;
+            work(ready.tracing(from, shading)?)
         })
     }
 

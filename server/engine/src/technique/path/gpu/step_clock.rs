@@ -7,6 +7,7 @@ use std::ops::AddAssign;
 
 use super::{
     Film, GpuPassHeader, GpuPathTracer, View,
+    known::LightBeside,
     tracing::{PathStart, Tracing, workgroups_of},
 };
 use crate::{
@@ -54,8 +55,8 @@ impl GpuPathTracer {
     pub fn step_seconds(&self, view: &View, size: PictureSize) -> Result<Option<StepSeconds>, GpuError> {
         let header = self.header_of(view, &Film::new(size), 0);
         let pixel_count = size.pixel_count() as u32;
-        let known = self.secondary.as_ref();
-        self.scene.trace_with(PathStart::Pixels, size.pixel_count(), known, |tracing| {
+        let light = LightBeside { known: self.secondary.as_ref(), focused: None };
+        self.scene.trace_with(PathStart::Pixels, size.pixel_count(), light, |tracing| {
             let capacity = tracing.capacity();
             let mut seconds = StepSeconds::default();
             for first_pixel in (0..pixel_count).step_by(capacity as usize) {

@@ -2,6 +2,7 @@
 
 mod behaviour;
 mod cameras;
+mod focused;
 mod gathering;
 mod known_light;
 mod laws;
@@ -68,6 +69,7 @@ struct Shot {
     settings: PathSettings,
     passes: Range<u32>,
     known: Option<Arc<dyn SecondaryLight>>,
+    focused: Option<Arc<dyn FocusedLight>>,
 }
 
 /// Two passes, an even one and an odd one, by the scene's first camera.
@@ -80,6 +82,7 @@ fn shot(scene: Scene) -> Shot {
         settings: PathSettings::all(None, 1),
         passes: 0..2,
         known: None,
+        focused: None,
     }
 }
 
@@ -102,7 +105,7 @@ impl Shot {
             settings: self.settings,
             secondary: self.known.as_deref(),
             screen: None,
-            caustics: None,
+            caustics: self.focused.as_deref(),
             near,
         };
         let width = self.size.width();
@@ -129,7 +132,7 @@ impl Shot {
     fn begin(&self, tracer: &GpuPathTracer, pass: u32) -> Begun {
         let view = View::new(&self.world, &self.camera, self.size);
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
-        Begun { header, pass, samples: Vec::new() }
+        Begun { header, pass, focused: self.focused.clone(), samples: Vec::new() }
     }
 
     /// - `slice`: paths at a time

@@ -15,7 +15,8 @@ use lumicast_shaders::{
 use super::{
     GpuCounters, GpuPassHeader, GpuPixelSample,
     gather::{GpuGatherRay, GpuRaySample},
-    scene::{Asked, GpuWorld, LightOnCard},
+    known::{Asked, KnownOnCard, Shading},
+    scene::GpuWorld,
 };
 use crate::{
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, Session},
@@ -64,19 +65,14 @@ impl PathStart {
         }
     }
 
-    fn shade(self) -> &'static Shader {
-        match self {
-            PathStart::Pixels => &PATH_SHADE,
-            PathStart::Rays => &GATHER_SHADE,
-        }
-    }
-
-    fn shade_by(self, asked: Asked) -> &'static Shader {
+    fn shade(self, asked: Option<Asked>) -> &'static Shader {
         match (self, asked) {
-            (PathStart::Pixels, Asked::Octree) => &PATH_SHADE_BY_OCTREE,
-            (PathStart::Pixels, Asked::Records) => &PATH_SHADE_BY_RECORDS,
-            (PathStart::Rays, Asked::Octree) => &GATHER_SHADE_BY_OCTREE,
-            (PathStart::Rays, Asked::Records) => &GATHER_SHADE_BY_RECORDS,
+            (PathStart::Pixels, None) => &PATH_SHADE,
+            (PathStart::Pixels, Some(Asked::Octree)) => &PATH_SHADE_BY_OCTREE,
+            (PathStart::Pixels, Some(Asked::Records)) => &PATH_SHADE_BY_RECORDS,
+            (PathStart::Rays, None) => &GATHER_SHADE,
+            (PathStart::Rays, Some(Asked::Octree)) => &GATHER_SHADE_BY_OCTREE,
+            (PathStart::Rays, Some(Asked::Records)) => &GATHER_SHADE_BY_RECORDS,
         }
     }
 
@@ -165,11 +161,10 @@ pub(super) struct Paths {
     sizes_group: BindGroup,
     begin: Arc<Pipeline>,
     closest: Arc<Pipeline>,
-    shade: Arc<Pipeline>,
     turn: Arc<Pipeline>,
     occluded: Arc<Pipeline>,
-    /// The same step, where it asks for light, by [`Asked`]; compiled when it first does.
-    shade_asking: [Option<Arc<Pipeline>>; Asked::COUNT],
+    /// By [`Shading::index`]; each compiled when it is first needed.
+    shades: [Option<Arc<Pipeline>>; Shading::COUNT],
 }
 
 impl Paths {
@@ -197,14 +192,13 @@ impl Paths {
         Ok(Paths {
             begin,
             closest: pipeline(&PATH_CLOSEST)?,
-            shade: session.pipeline(from.shade(), &world.constants_of_shade(from, false), &layouts)?,
             occluded: pipeline(from.occluded())?,
             turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
             from,
             places,
             sizes,
             sizes_group,
-            shade_asking: Default::default(),
+            shades: Default::default(),
         })
     }
 
@@ -216,20 +210,21 @@ impl Paths {
         Ok(())
     }
 
-    /// Paths can ask such light from now on. True if that was compiled for it.
-    pub(super) fn be_able_to_ask(
+    /// Paths can be shaded so from now on. True if that was compiled for it.
+    pub(super) fn be_able_to(
         &mut self,
         session: &Session,
         world: &GpuWorld,
-        light: &LightOnCard,
+        known: &KnownOnCard,
+        shading: Shading,
     ) -> Result<bool, GpuError> {
-        let shade = &mut self.shade_asking[light.asked as usize];
+        let shade = &mut self.shades[shading.index()];
         if shade.is_some() {
             return Ok(false);
         }
-        let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*light.layout];
-        let constants = world.constants_of_shade(self.from, true);
-        *shade = Some(session.pipeline(self.from.shade_by(light.asked), &constants, &layouts)?);
+        let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*known.layout];
+        let constants = world.constants_of_shade(self.from, shading);
+        *shade = Some(session.pipeline(self.from.shade(shading.asked), &constants, &layouts)?);
         Ok(true)
     }
 }
@@ -240,8 +235,9 @@ pub(super) struct Tracing<'a> {
     pub(super) session: &'a Arc<Session>,
     pub(super) world: &'a GpuWorld,
     pub(super) paths: &'a Paths,
-    /// What they ask for light; `None`: nobody.
-    pub(super) light: Option<&'a LightOnCard>,
+    /// What they ask for light.
+    pub(super) known: &'a KnownOnCard,
+    pub(super) shading: Shading,
 }
 
 impl<'a> Tracing<'a> {
@@ -253,17 +249,6 @@ impl<'a> Tracing<'a> {
     /// What steps read of the trees, the scene and the paths.
     pub(super) fn groups(self) -> [&'a BindGroup; 3] {
         [&self.world.trees_group, &self.world.group, &self.paths.places.group]
-    }
-
-    /// The step that shades, and the groups that it reads.
-    fn shading(self) -> (&'a Pipeline, Vec<&'a BindGroup>) {
-        let asking = self
-            .light
-            .and_then(|light| Some((self.paths.shade_asking[light.asked as usize].as_ref()?, &light.group)));
-        match asking {
-            Some((shade, light)) => (shade, [&self.groups()[..], &[light]].concat()),
-            None => (&self.paths.shade, self.groups().to_vec()),
-        }
     }
 
     /// Some drivers compile at first use: that is waiting for shaders, not drawing. Returns the seconds.
@@ -301,8 +286,10 @@ impl<'a> Tracing<'a> {
 
     /// What paths find there; as [`Tracing::closest`].
     pub(super) fn shade(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {
-        let (shade, groups) = self.shading();
-        self.run(batch, shade, &groups, first)
+        let unprepared = || GpuError::Failed { what: "this shading was not prepared".into() };
+        let shade = self.paths.shades[self.shading.index()].as_ref().ok_or_else(unprepared)?;
+        let [trees, world, state] = self.groups();
+        self.run(batch, shade, &[trees, world, state, &self.known.group], first)
     }
 
     fn run(

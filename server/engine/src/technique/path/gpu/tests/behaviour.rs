@@ -141,7 +141,7 @@ fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
     assert_same_bits(&by_cpu, &by_both);
 }
 
-/// Photons of their own bring caustics to a picture on a card as well, with or without indirect light: the CPU draws it.
+/// Photons of their own bring caustics to a picture on a card as well, with or without indirect light.
 #[test]
 fn caustics_by_photons_are_not_lost_on_a_card() {
     let Some(gpu) = shared() else { return };
@@ -162,6 +162,6 @@ fn caustics_by_photons_are_not_lost_on_a_card() {
             rendering.film().clone()
         });
         assert!(by_cpu.layer(PathClass::Caustic).iter().any(|radiance| !radiance.is_black()));
-        assert_same_bits(&by_cpu, &on_card);
+        assert_alike(&by_cpu, &on_card);
     }
 }

@@ -31,7 +31,7 @@ pub(super) fn with_known(scene: Scene, bounces_max: Option<u32>) -> Shot {
 }
 
 /// A pass whose known light is shadowed by what lies near, unless scatterings are bounded.
-const SHADOWED_PASS: u32 = 2 * BLURRED_SAMPLES;
+pub(super) const SHADOWED_PASS: u32 = 2 * BLURRED_SAMPLES;
 
 /// Diffuse and glossy balls, and one that light passes.
 fn balls() -> Stage {
@@ -46,13 +46,13 @@ fn balls() -> Stage {
 }
 
 /// Pixels that show light which is looked up, and that are other ones than without its shadows.
-struct Looked {
-    looked_up: usize,
-    hidden: usize,
+pub(super) struct Looked {
+    pub(super) looked_up: usize,
+    pub(super) hidden: usize,
 }
 
 /// Asserts that passes bring the same, pixel by pixel, of light that is looked up.
-fn looked_up_alike(name: &str, cpu: &Pass, card: &Pass, unshadowed: &Pass) -> Looked {
+pub(super) fn looked_up_alike(name: &str, cpu: &Pass, card: &Pass, unshadowed: &Pass) -> Looked {
     let (mut others, mut largest, mut looked_up, mut hidden) = (0, 0.0f32, 0, 0);
     for ((a, b), unshadowed) in cpu.samples.iter().zip(&card.samples).zip(&unshadowed.samples) {
         assert!(b.is_sound(), "{b:?}");
@@ -143,7 +143,7 @@ fn asking_begins_and_ends_on_a_card() {
 /// Records of what the shot's camera sees, all or as many as come of `steps`.
 ///
 /// - `has_base`: the octree answers where none counts
-fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
+pub(super) fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
     let shot = with_known(scene, None);
     let octree = shot.known.clone().unwrap();
     let settings = IrradianceSettings {
@@ -166,7 +166,7 @@ fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
     Shot { known: Some(caching.snapshot()), ..shot }
 }
 
-const ALL_STEPS: usize = 3_000;
+pub(super) const ALL_STEPS: usize = 3_000;
 /// Steps after which records of several rounds answer one after the other.
 const SOME_STEPS: usize = 12;
 

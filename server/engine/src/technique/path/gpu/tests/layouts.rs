@@ -275,8 +275,11 @@ fn every_constant_of_the_proof_is_prepended() {
     let Some(gpu) = shared() else { return };
     let world = World::prepare(Arc::new(crate::scene::samples::boxes().unwrap()));
     let on_card = GpuWorld::new(&gpu.session().unwrap(), &world).unwrap();
-    let mut names: Vec<_> =
-        on_card.constants_of_shade(PathStart::Rays, true).into_iter().map(|(name, _)| name).collect();
+    let mut names: Vec<_> = on_card
+        .constants_of_shade(PathStart::Rays, Shading::default())
+        .into_iter()
+        .map(|(name, _)| name)
+        .collect();
     let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
     names.sort_unstable();
     proved.sort_unstable();
