@@ -186,6 +186,10 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             bounces_end,
             brought,
             shadowed_from,
+            focus,
+            padding_0,
+            padding_1,
+            padding_2,
         }
     );
     assert_same_layout!(
@@ -267,6 +271,9 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
         assert_eq!(numbers[name], f64::from(slot as u32), "{name}");
     }
     assert_eq!(numbers["ABSENT"], f64::from(u32::MAX));
+    for (name, flag) in [("IS_ASKING", IS_ASKING), ("SHOWS_CAUSTICS", SHOWS_CAUSTICS)] {
+        assert_eq!(numbers[name], f64::from(flag), "{name}");
+    }
 }
 
 /// Steps are compiled with every constant that the proof of the shaders names, and `HAS_SECONDARY` with the ones for shading.
