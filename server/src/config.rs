@@ -87,10 +87,10 @@ settings! {
     /// Folder of the durable scene store; empty: scenes live in memory and are gone when the server stops.
     data: String = String::new();
     /// What draws pictures: cpu; gpu, a graphics card or what stands for one; auto: a graphics card where there is one. Light is
-    /// learnt on the CPU in any case, and pictures by records of irradiance (`technique: irradiance`) are drawn there.
+    /// learnt on the CPU in any case.
     backend: String = "auto".into();
-    /// Bytes that all scenes together may take on the graphics card, 75 MB each for paths on their way and about 150 a triangle;
-    /// a scene for which no room is left is drawn on the CPU.
+    /// Bytes that all scenes together may take on the graphics card, 75 MB each for paths on their way, about 150 a triangle, 1,500 a
+    /// record of irradiance, and 40 MB at most for photons of caustics; a scene for which no room is left is drawn on the CPU.
     gpu_bytes: u64 = 2 << 30;
     /// Seconds that a graphics card may take for a piece of work of some milliseconds before it counts as hanging.
     gpu_seconds_max: u64 = 60;

@@ -74,8 +74,7 @@ pub fn show_accuracy(ui: &mut Ui, model: &mut Model) {
         });
         if matches!(accuracy.technique, Technique::Auto | Technique::Irradiance) {
             let hint = "Largest error between records of irradiance (Ward's a). Smaller takes more records; those there are stay. \
-                        All who look at the scene share them: the smallest counts. \
-                        Servers that draw on a graphics card have none with Auto";
+                        All who look at the scene share them: the smallest counts";
             line(ui, "Records' a", hint, |ui| {
                 ui.spacing_mut().slider_width = 92.0;
                 let [least, most] = Accuracy::IRRADIANCE_RANGE;

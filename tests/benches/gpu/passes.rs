@@ -1,8 +1,9 @@
-//! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree for the rest;
-//! and light gathered along rays for records.
+//! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree, records of
+//! irradiance or photons of caustics for the rest; and light gathered along rays for records.
 
 use std::{
     error::Error,
+    num::NonZeroU32,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -12,7 +13,9 @@ use lumicast_engine::{
     gpu::Gpu,
     render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage},
     technique::{
-        ArrivingLight, Canvas, Counts, Products, SecondaryLight, Step, Technique,
+        ArrivingLight, Canvas, Counts, FocusedLight, Products, SecondaryLight, Step, Technique,
+        caustics::{CausticSettings, Caustics},
+        irradiance::{IrradianceCaching, IrradianceSettings},
         path::{
             ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathSettings, PathTracer, View,
             rays_over_a_picture,
@@ -30,6 +33,9 @@ use crate::{
 /// first four passes of looked-up light have no shadows of what lies near.
 const WARM_UP_PASSES: usize = 4;
 
+/// Records that are looked up: as many as the issue of splatting counts in.
+const RECORDS: usize = 4_000;
+
 /// What a pass takes.
 struct Pass {
     seconds: f64,
@@ -43,8 +49,12 @@ struct Drawing<'a> {
     size: PictureSize,
 }
 
-/// Path tracing, its steps, and asking the octree. Both techniques are stepped as they are, so that nothing is measured of
-/// learning, of measuring errors or of choosing between films; caustics are those that the octree knows.
+/// What mirrors and glass focus, of one pass.
+type Focused = Option<Arc<dyn FocusedLight>>;
+
+/// Path tracing, its steps, and asking the octree, records and photons. Both techniques are stepped as they are, so that nothing is
+/// measured of learning, of following photons, of measuring errors or of choosing between films; caustics are those that the octree
+/// knows, but in the last pass.
 pub(crate) fn measure(
     subject: &Subject,
     gpu: &Arc<Gpu>,
@@ -58,7 +68,7 @@ pub(crate) fn measure(
     let settings = PathSettings::all(None, 0);
     let tracer = PathTracer::new(settings);
     let mut card = GpuPathTracer::new(Arc::clone(&scene), settings);
-    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, rounds)?;
+    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_rates(figures, &on_card, &on_cpu);
     if let Some(steps) = card.step_seconds(&drawing.view, size)? {
         let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
@@ -75,8 +85,26 @@ pub(crate) fn measure(
     let Some(known) = known else { return Ok(()) };
     let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
     card.draw_as(&tracer);
-    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, rounds)?;
+    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
+    let focused = drawing.focus();
+    if focused.is_some() {
+        let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
+        let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &focused, rounds)?;
+        push_milliseconds(figures, "pass that asks the octree, and photons for caustics", &on_card, &on_cpu);
+    }
+    let records = drawing.records(&known);
+    let start = Instant::now();
+    let packed = records.packed_records();
+    let packing =
+        Figure::new("4,000 records: packing", Unit::Milliseconds, 1e3 * start.elapsed().as_secs_f64());
+    figures.push(packing);
+    let bytes = packed.map_or(0, |packed| size_of_val(&packed.records[..]) + size_of_val(&packed.words[..]));
+    figures.push(Figure::new("4,000 records: size", Unit::Bytes, bytes as f64));
+    let tracer = PathTracer::with_secondary(settings, records);
+    card.draw_as(&tracer);
+    let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
+    push_milliseconds(figures, "pass that asks 4,000 records", &on_card, &on_cpu);
     let [on_card, on_cpu] = drawing.gather(&scene, &known, rounds)?;
     let figure = Figure::new("gathering for records", Unit::MillionPathsPerSecond, on_card);
     figures.push(Figure { cpu: Some(on_cpu), ..figure });
@@ -104,16 +132,17 @@ impl Drawing<'_> {
         &self,
         card: &mut GpuPathTracer,
         mut cpu: PathTracer,
+        focused: &Focused,
         rounds: usize,
     ) -> Result<[Pass; 2], Box<dyn Error>> {
         let mut films = [Film::new(self.size), Film::new(self.size)];
         let (mut of_card, mut of_cpu) = (Vec::new(), Vec::new());
         for round in 0..WARM_UP_PASSES + rounds {
-            let on_card = self.pass(card, &mut films[0]);
+            let on_card = self.pass(card, focused, &mut films[0]);
             if let Some(error) = card.failure() {
                 return Err(error.clone().into());
             }
-            let on_cpu = self.pass(&mut cpu, &mut films[1]);
+            let on_cpu = self.pass(&mut cpu, focused, &mut films[1]);
             if round >= WARM_UP_PASSES {
                 of_card.push(on_card);
                 of_cpu.push(on_cpu);
@@ -125,9 +154,10 @@ impl Drawing<'_> {
         }))
     }
 
-    fn pass(&self, technique: &mut dyn Technique, film: &mut Film) -> Pass {
+    fn pass(&self, technique: &mut dyn Technique, focused: &Focused, film: &mut Film) -> Pass {
         let canvas = Some(Canvas { view: &self.view, film });
-        let (products, cancel) = (&mut Products::default(), &AtomicBool::new(false));
+        let mut products = Products { caustics: focused.clone(), ..Products::default() };
+        let (products, cancel) = (&mut products, &AtomicBool::new(false));
         let start = Instant::now();
         let progress = technique.step(&mut Step { world: &self.subject.world, products, canvas, cancel });
         Pass { seconds: start.elapsed().as_secs_f64(), counts: progress.counts }
@@ -162,6 +192,28 @@ impl Drawing<'_> {
             }
         }
         Ok(rates.map(median))
+    }
+
+    /// Photons of a first pass; `None` where nothing focuses light.
+    fn focus(&self) -> Focused {
+        let mut caustics = Caustics::new(CausticSettings::of(self.size.pixel_count(), None, 0));
+        caustics.prepare(&self.subject.world, 0, &AtomicBool::new(false));
+        caustics.map()
+    }
+
+    /// As many records of what the view sees as [`RECORDS`], about, gathered once each.
+    fn records(&self, known: &Arc<dyn SecondaryLight>) -> Arc<dyn SecondaryLight> {
+        let settings = IrradianceSettings { visits: NonZeroU32::MIN, ..IrradianceSettings::default() };
+        let arriving = PathTracer::with_secondary(PathSettings::all(None, 0), Arc::clone(known));
+        let mut caching = IrradianceCaching::new(settings, Arc::new(arriving), Some(Arc::clone(known)));
+        caching.look(0, &self.subject.view, self.size);
+        let cancel = AtomicBool::new(false);
+        while !caching.is_complete() && caching.cache().records().len() < RECORDS {
+            let products = &mut Products::default();
+            let world = &*self.subject.world;
+            caching.step(&mut Step { world, products, canvas: None, cancel: &cancel });
+        }
+        caching.snapshot()
     }
 
     /// What `--indirect octree` knows of the light in the end, and the seconds that took.

@@ -76,8 +76,8 @@ pub struct RenderArgs {
     /// Threads; one per core when left out
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
-    /// Where the picture is drawn: cpu; gpu (through Vulkan, Metal or DirectX 12; of irradiance, light for records is gathered
-    /// there, and the CPU draws); auto: the faster one by a short trial, where there is a graphics card
+    /// Where the picture is drawn: cpu; gpu (through Vulkan, Metal or DirectX 12; light for records of irradiance is gathered
+    /// there, too); auto: the faster one by a short trial, where there is a graphics card
     #[arg(long, default_value = "auto", value_name = "BACKEND", value_parser = parse_backend)]
     pub backend: Backend,
     /// Add layers to the EXR: emitted, direct, caustics, indirect, albedo, normal, depth, variance
