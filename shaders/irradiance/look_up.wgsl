@@ -65,7 +65,7 @@ struct Facing {
     n_geo: vec3f,
 }
 
-/// `upload.rs`, `Cache`.
+/// What `upload.rs` writes of a cache.
 struct Cache {
     accuracy: f32,
     is_smooth: bool,
@@ -273,7 +273,7 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
     }
     var light = nothing_known();
     light.indirect = diffuse_of_even_light(surface.bsdf, frame_to_local(surface.frame, wo)) * weighed.xyz;
-    if (flags & HAS_CAUSTICS) != 0u {
+    if !HAS_FOCUSED && (flags & HAS_CAUSTICS) != 0u {
         light.caustic = light_of_cells(surface, wo, false, draw).caustic;
     }
     return light;

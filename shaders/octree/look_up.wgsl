@@ -253,7 +253,8 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         found[count] = like.index;
         weights[count] = weight;
         count += 1u;
-        if first_caustic < end {
+        // What photons bring takes the place of these.
+        if !HAS_FOCUSED && first_caustic < end {
             let caustic_reach = light_sets[like.index].caustic_reach;
             light.caustic += response(surface, wo_local, n_shade, first_caustic, end, caustic_reach) * weight;
         }

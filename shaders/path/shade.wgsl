@@ -74,9 +74,6 @@ fn advance(slot: u32) -> bool {
             draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
         }
         known = scattered_light(surface, -path.direction, is_drawn, draw);
-        if HAS_FOCUSED {
-            known.caustic = vec3f(0.0);
-        }
         let is_too_near = LOOKS_PAST && hit.t < NEAR_BLURS * known.blur_m;
         // Never where scatterings are bounded.
         let is_passed = known.is_missing && pass_header.bounces_end >= BOUNCES_END;

@@ -177,28 +177,6 @@ pub static GATHER_SHADE_BY_OCTREE: Step = Step {
     workgroup_size: [64, 1, 1],
 };
 
-/// [`PATH_SHADE_BY_RECORDS`] for these.
-pub static GATHER_SHADE_BY_RECORDS: Step = Step {
-    name: "gather/shade_by_records",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &RAY,
-        &FOCUSED,
-        &KNOWN,
-        &OCTREE,
-        &BY_RECORDS,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
-
 /// [`PATH_OCCLUDED`] for these.
 pub static GATHER_OCCLUDED: Step = Step {
     name: "gather/occluded",

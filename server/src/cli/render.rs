@@ -387,6 +387,7 @@ impl<'a> Job<'a> {
             not_run: not_run(
                 rendering.illumination().is_some(),
                 records.count > 0,
+                splat > 0.0,
                 caustics.photons_emitted > 0,
                 rendering.is_on_gpu(),
             ),

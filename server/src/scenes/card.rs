@@ -7,9 +7,10 @@
 use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
+use lumicast_engine::effects::{EffectKind, EffectPlan};
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
-use lumicast_engine::render::{Backend, Indirect, RenderSettings, Rendering};
-use lumicast_engine::technique::path::GpuScene;
+use lumicast_engine::render::{Backend, Rendering};
+use lumicast_engine::technique::path::{GpuScene, Shading};
 use lumicast_engine::transport::World;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
@@ -18,8 +19,6 @@ use std::time::{Duration, Instant};
 
 /// A scene is brought to the card once it was left alone for so long: who drags a lamp changes it with every picture.
 const SETTLED: Duration = Duration::from_millis(300);
-/// What viewers are expected to ask for; shaders for others are compiled when they are first drawn.
-const EXPECTED: [Indirect; 2] = [Indirect::Auto, Indirect::Octree];
 /// A device that is gone is looked for again so much later.
 const RETRY: Duration = Duration::from_secs(5);
 
@@ -109,6 +108,8 @@ pub(super) struct SceneOnCard {
     light_revision: u64,
     /// When the present light was first seen.
     since: Option<Instant>,
+    /// What is known of it has no room beside the scene.
+    refuses_light: bool,
 }
 
 impl SceneOnCard {
@@ -150,7 +151,8 @@ impl SceneOnCard {
     /// Lets the card draw a picture from its next pass on, if it has the picture's world ready, and only then.
     pub(super) fn draw(&self, rendering: &mut Rendering, workshop: &Workshop) {
         let is_ready = matches!(self.stage, Stage::Ready) && workshop.card.gpu().is_some();
-        let own = self.scene.as_ref().filter(|_| is_ready && self.is_of(rendering.world()));
+        let has_room = !(self.refuses_light && rendering.looks_light_up());
+        let own = self.scene.as_ref().filter(|_| is_ready && has_room && self.is_of(rendering.world()));
         if let Some(on) = rendering.gpu_scene() {
             if !own.is_some_and(|own| Arc::ptr_eq(own, on)) {
                 // It would bring back by itself what was taken off the card.
@@ -187,7 +189,7 @@ impl SceneOnCard {
         {
             scene.withdraw();
         }
-        (self.worlds, self.since) = (Vec::new(), None);
+        (self.worlds, self.since, self.refuses_light) = (Vec::new(), None, false);
     }
 
     fn begin(&mut self, snapshot: &Snapshot, workshop: &Workshop) {
@@ -197,16 +199,14 @@ impl SceneOnCard {
         }
         let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(&snapshot.world)));
         let outcome = Outcome::default();
+        let has_focused = EffectPlan::of(snapshot.world.scene()).is_on(EffectKind::Caustics);
         let make_ready = {
             let (scene, outcome) = (Arc::clone(&scene), Arc::clone(&outcome));
             let is_busy = Arc::clone(&workshop.card.is_busy);
             move || {
                 // Drivers may panic in wgpu: that is a failure like others.
                 let made = catch_unwind(AssertUnwindSafe(|| {
-                    EXPECTED.iter().try_for_each(|indirect| {
-                        let settings = RenderSettings { indirect: *indirect, ..RenderSettings::default() };
-                        settings.make_ready_to_draw(&scene)
-                    })
+                    Shading::all(has_focused).try_for_each(|shading| scene.make_ready(shading))
                 }));
                 let failed =
                     |_| Err(GpuError::Failed { what: "bringing the scene to the card panicked".into() });
@@ -234,6 +234,12 @@ impl SceneOnCard {
     }
 
     fn note_failure(&mut self, error: &GpuError, workshop: &Workshop) {
+        if matches!(error, GpuError::LightTooLarge { .. }) {
+            // The scene stays, for pictures that look nothing up.
+            tracing::warn!(%error, "pictures of looked-up light are drawn on the CPU until the scene's light changes");
+            self.refuses_light = true;
+            return;
+        }
         self.stage = match error {
             GpuError::OutOfMemory { .. } => {
                 tracing::warn!(%error, "the scene is drawn on the CPU");
@@ -247,7 +253,8 @@ impl SceneOnCard {
                 tracing::warn!(%error, "drawing on the CPU for a while");
                 Stage::Later(Instant::now() + RETRY)
             }
-            GpuError::Insufficient { .. }
+            GpuError::LightTooLarge { .. }
+            | GpuError::Insufficient { .. }
             | GpuError::Shader { .. }
             | GpuError::TimedOut { .. }
             | GpuError::Failed { .. } => {

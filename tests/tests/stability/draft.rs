@@ -80,14 +80,6 @@ impl Draft {
         self.lights.push((name, Light { parent: None, position, direction, kind }));
     }
 
-    /// With its mirrors, glosses and glass made matt.
-    pub(crate) fn matt(mut self) -> Draft {
-        for thing in self.things.iter_mut().filter(|thing| !thing.material.is_emissive()) {
-            thing.material = Material::lambert(thing.material.base_color * 0.7);
-        }
-        self
-    }
-
     /// All light so many times as strong.
     pub(crate) fn brighter(mut self, factor: f32) -> Draft {
         self.things.iter_mut().for_each(|thing| thing.material.emission *= factor);

@@ -10,8 +10,6 @@ use lumicast_engine::render::{Backend, IlluminationSettings, Indirect, Learning,
 use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 
-use crate::draft::Draft;
-
 /// A technique on a backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Technique {
@@ -35,19 +33,14 @@ impl Technique {
         Technique { indirect, backend: Backend::Cpu }
     }
 
-    /// The scene as this technique can draw it on the backend that it is named for: caustics are drawn with photons of their own, and
-    /// what looks light up in the octree then leaves the card alone.
-    pub(crate) fn within_reach(self, draft: &Draft) -> Draft {
-        match (self.indirect, self.backend) {
-            (Indirect::Octree, Backend::Gpu) => draft.clone().matt(),
-            _ => draft.clone(),
-        }
-    }
-
     /// A picture that a card is named for, and did not help to draw, would only say again what the CPU's says.
     pub(crate) fn assert_drawn_as_named(self, rendering: &Rendering) {
-        let is_on_card = rendering.gpu_passes() > 0 || rendering.gpu_gathered_rays() > 0;
-        assert_eq!(is_on_card, self.backend == Backend::Gpu, "{}: on a card or not", name(self));
+        assert_eq!(
+            rendering.gpu_passes() > 0,
+            self.backend == Backend::Gpu,
+            "{}: on a card or not",
+            name(self)
+        );
     }
 }
 
@@ -120,7 +113,7 @@ pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Ren
     let mut rendering = Rendering::learning_by((world.clone(), light), view, size, settings);
     if let (Backend::Gpu, Some(gpu)) = (backend, gpu()) {
         let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(world)));
-        rendering.draw_on(scene);
+        rendering.draw_and_gather_on(scene);
     }
     let (start, never) = (Instant::now(), AtomicBool::new(false));
     let mut steps = 0;

@@ -49,6 +49,12 @@ pub enum GpuError {
         /// What sets the limit.
         limit: &'static str,
     },
+    /// Light that a picture asks for has no room beside the scene, which stays where it is.
+    #[error("what is known of the light has no room beside the scene: {source}")]
+    LightTooLarge {
+        /// Which of it, and where the limit is.
+        source: Box<GpuError>,
+    },
     /// A shader that the device does not take.
     #[error("shader {step} does not compile: {what}")]
     Shader {

@@ -43,7 +43,7 @@ pub struct BackendTrial {
 }
 
 impl BackendTrial {
-    /// Draws a small picture on both, and gathers for one.
+    /// Draws a small picture on both, of direct light where other light is looked up, and gathers for one where that has records.
     ///
     /// Errors: what the card does not do.
     pub fn run(
@@ -57,8 +57,10 @@ impl BackendTrial {
         let size = PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size);
         let world = scene.world();
         let view = View::new(world, view, size);
-        let mut cpu = PathTracer::new(all_paths(settings));
-        let mut card = GpuPathTracer::new(Arc::clone(scene), all_paths(settings));
+        let learnt = settings.learns(&EffectPlan::of(world.scene()));
+        let paths = if learnt.is_some() { all_paths(settings).asking() } else { all_paths(settings) };
+        let mut cpu = PathTracer::new(paths);
+        let mut card = GpuPathTracer::new(Arc::clone(scene), paths);
         let drawing = BackendTrial {
             cpu_seconds: fastest_pass(&mut cpu, world, &view, size),
             gpu_seconds: fastest_pass(&mut card, world, &view, size),
@@ -66,7 +68,7 @@ impl BackendTrial {
         if let Some(error) = card.failure() {
             return Err(error.clone());
         }
-        if settings.learns(&EffectPlan::of(world.scene())) != Some(Learnt::Records) {
+        if learnt != Some(Learnt::Records) {
             return Ok(drawing);
         }
         let gathering = BackendTrial::of_gathering(scene, &view, size, settings)?;
@@ -183,25 +185,13 @@ impl OnGpu {
 }
 
 impl RenderSettings {
-    /// Uploads all and compiles what such pictures of a scene need, so that none waits for it.
+    /// Uploads all and compiles what such pictures of a scene need that learn by themselves, so that none waits for it.
     ///
     /// Errors: what the card does not do.
     pub fn make_ready(&self, scene: &GpuScene) -> Result<(), GpuError> {
-        self.make_ready_to_draw(scene)?;
-        if self.learns(&EffectPlan::of(scene.world().scene())) != Some(Learnt::Records) {
-            return Ok(());
-        }
-        // With a bound on scatterings nobody is asked: see `Learner`.
-        let asked = self.bounces_max.is_none().then_some(Asked::Octree);
-        scene.make_ready_to_gather(Shading { asked, is_focused: false })
-    }
-
-    /// The same for pictures that learn nothing by themselves.
-    ///
-    /// Errors: what the card does not do.
-    pub fn make_ready_to_draw(&self, scene: &GpuScene) -> Result<(), GpuError> {
         let plan = EffectPlan::of(scene.world().scene());
-        let asked = self.learns(&plan).map(|learnt| match learnt {
+        let learnt = self.learns(&plan);
+        let asked = learnt.map(|learnt| match learnt {
             Learnt::Octree => Asked::Octree,
             Learnt::Records => Asked::Records,
         });
@@ -211,25 +201,43 @@ impl RenderSettings {
             // Path tracing, before anything is known and beside that.
             scene.make_ready(Shading { asked: None, is_focused: is_hidden })?;
         }
+        if learnt == Some(Learnt::Records) {
+            // With a bound on scatterings nobody is asked: see `Learner`.
+            let asked = self.bounces_max.is_none().then_some(Asked::Octree);
+            scene.make_ready_to_gather(Shading { asked, is_focused: false })?;
+        }
         Ok(())
     }
 }
 
 impl Rendering {
-    /// Draws on a card from now on; where the picture has records of its own, their light is gathered there too.
+    /// Draws on a card from now on.
     ///
     /// - `scene`: of the same world
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) {
-        let gathers = self.learnt == Some(Learnt::Records);
-        let gathering = self.learner.as_mut().filter(|_| gathers).map(|learner| {
-            let gatherer = Arc::new(GpuGatherer::new(Arc::clone(&scene)));
-            learner.gather_on(Arc::clone(&gatherer));
-            Gathering { gatherer, noted: 0 }
-        });
         let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
-        let on_gpu = OnGpu { drawing, gathering, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
+        let on_gpu = OnGpu { drawing, gathering: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
         self.gpu = Some(Box::new(on_gpu));
         self.gpu_failure = None;
+    }
+
+    /// Draws on a card, and if the picture has records of its own, gathers their light there as well. Call it before the first
+    /// [`Rendering::step`]; whoever draws for others at the same time does not want to wait for that.
+    ///
+    /// - `scene`: of the same world
+    pub fn draw_and_gather_on(&mut self, scene: Arc<GpuScene>) {
+        self.draw_on(Arc::clone(&scene));
+        let gathers = self.learnt == Some(Learnt::Records);
+        let learner = self.learner.as_mut().filter(|_| gathers);
+        let (Some(learner), Some(gpu)) = (learner, &mut self.gpu) else { return };
+        let gatherer = Arc::new(GpuGatherer::new(scene));
+        learner.gather_on(Arc::clone(&gatherer));
+        gpu.gathering = Some(Gathering { gatherer, noted: 0 });
+    }
+
+    /// Light is looked up for it, which a card must have room for.
+    pub fn looks_light_up(&self) -> bool {
+        self.learnt.is_some() || self.caustics.is_some()
     }
 
     /// Goes on by the CPU.

@@ -65,7 +65,9 @@ impl DrawnOn {
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
-                let took = format!("a small picture takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                let took = format!(
+                    "what a small picture is made by takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU"
+                );
                 if trial.gpu_is_faster() {
                     eprintln!("drawing on {name}: {took}");
                     return DrawnOn::Gpu(scene);
@@ -88,7 +90,7 @@ impl DrawnOn {
     /// Takes the picture there.
     pub(super) fn take(&self, rendering: &mut Rendering) {
         if let DrawnOn::Gpu(scene) = self {
-            rendering.draw_on(scene.clone());
+            rendering.draw_and_gather_on(scene.clone());
         }
     }
 

@@ -157,7 +157,9 @@ pub(super) struct EffectState {
 /// Keys whose parts no technique of today runs.
 const NOT_BUILT: [&str; 1] = ["counts.texels"];
 /// Keys of the irradiance cache.
-const OF_RECORDS: [&str; 4] = ["seconds.gather", "seconds.splat", "counts.records", "bytes.records"];
+const OF_RECORDS: [&str; 3] = ["seconds.gather", "counts.records", "bytes.records"];
+/// Keys of records that the CPU lays out over the picture.
+const OF_SPLATS: [&str; 1] = ["seconds.splat"];
 /// Keys of caustics.
 const OF_CAUSTICS: [&str; 4] =
     ["seconds.caustics", "counts.caustic_photons", "counts.caustic_photons_stored", "bytes.caustics"];
@@ -178,14 +180,16 @@ const OF_THE_OCTREE: [&str; 7] = [
 pub(super) fn not_run(
     has_photons: bool,
     has_records: bool,
+    has_splats: bool,
     has_caustics: bool,
     has_gpu: bool,
 ) -> Vec<&'static str> {
     let octree: &[&str] = if has_photons { &[] } else { &OF_THE_OCTREE };
     let records: &[&str] = if has_records { &[] } else { &OF_RECORDS };
+    let splats: &[&str] = if has_splats { &[] } else { &OF_SPLATS };
     let caustics: &[&str] = if has_caustics { &[] } else { &OF_CAUSTICS };
     let gpu: &[&str] = if has_gpu { &[] } else { &OF_THE_GPU };
-    NOT_BUILT.iter().chain(octree).chain(records).chain(caustics).chain(gpu).copied().collect()
+    NOT_BUILT.iter().chain(octree).chain(records).chain(splats).chain(caustics).chain(gpu).copied().collect()
 }
 
 /// The scene's plan as the options left it.

@@ -42,7 +42,7 @@ pub(super) struct Tolerance {
 
 impl Pictures {
     pub(super) fn of(draft: &Draft, technique: Technique) -> Pictures {
-        let scene = technique.within_reach(draft).build().unwrap_or_else(|error| panic!("{error}"));
+        let scene = draft.build().unwrap_or_else(|error| panic!("{error}"));
         let world = Arc::new(World::prepare(Arc::new(scene)));
         let picture = |seed| {
             let rendering = draw(&world, Drawn { technique, seed, bounces_max: None }, &EFFORT)

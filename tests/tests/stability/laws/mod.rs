@@ -248,7 +248,7 @@ fn law_lamp_and_sensor_may_change_places() {
     for technique in techniques() {
         let flux = |is_swapped: bool| {
             let (draft, area_m2) = exchange(is_swapped);
-            let scene = technique.within_reach(&draft).build().expect("a scene");
+            let scene = draft.build().expect("a scene");
             let world = Arc::new(World::prepare(Arc::new(scene)));
             let mut fluxes = lumicast_engine::math::RunningStatistics::default();
             for seed in 0..3 {

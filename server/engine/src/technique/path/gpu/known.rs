@@ -1,6 +1,6 @@
 //! What paths ask for light on a card: cells of the light octree, records of irradiance, and photons of a pass.
 
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use bytemuck::Zeroable;
 
@@ -8,6 +8,10 @@ use crate::{
     gpu::{BindGroup, Binding, Buffer, GpuError, Layout, Session},
     technique::{FocusedLight, GpuOctreeHeader, PackedLight, PackedPhotons, PackedRecords, SecondaryLight},
 };
+
+/// Lights that stay on the card for whoever asks them next, and photons of passes: those that were asked longest ago go first.
+const LIGHTS_MAX: usize = 4;
+const FOCUSED_MAX: usize = 2;
 
 /// What paths ask for light that is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +33,17 @@ pub struct Shading {
 
 impl Shading {
     pub(super) const COUNT: usize = 6;
+
+    /// All there are of pictures of a scene.
+    ///
+    /// - `has_focused`: something in it focuses light
+    pub fn all(has_focused: bool) -> impl Iterator<Item = Shading> {
+        let asked = [Some(Asked::Records), None, Some(Asked::Octree)];
+        let focused = if has_focused { &[true, false][..] } else { &[false][..] };
+        let each =
+            move |asked| focused.iter().map(move |is_focused| Shading { asked, is_focused: *is_focused });
+        asked.into_iter().flat_map(each)
+    }
 
     /// Its place among all of them.
     pub(super) fn index(self) -> usize {
@@ -58,37 +73,105 @@ pub(super) fn is_same<T: ?Sized>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool
     }
 }
 
+/// Names light without keeping it: memory is whoever's made it.
+#[derive(Clone, Debug)]
+struct Name<T: ?Sized>(Option<Weak<T>>);
+
+impl<T: ?Sized> Name<T> {
+    fn of(light: Option<&Arc<T>>) -> Name<T> {
+        Name(light.map(Arc::downgrade))
+    }
+
+    fn is_of(&self, light: Option<&Arc<T>>) -> bool {
+        match (&self.0, light) {
+            (Some(own), Some(light)) => std::ptr::addr_eq(own.as_ptr(), Arc::as_ptr(light)),
+            (own, light) => own.is_none() && light.is_none(),
+        }
+    }
+
+    /// Nobody has it any more.
+    fn is_gone(&self) -> bool {
+        self.0.as_ref().is_some_and(|own| own.strong_count() == 0)
+    }
+}
+
 fn not_packed(what: &str) -> GpuError {
     GpuError::Failed { what: format!("{what} is not packed for graphics cards") }
+}
+
+/// Light that is to be brought to the card, in words.
+#[derive(Debug, Default)]
+pub(super) struct PackedBeside {
+    /// `Some(None)`: it has no records.
+    records: Option<Option<PackedRecords>>,
+    cells: Option<PackedLight>,
+    photons: Option<PackedPhotons>,
+}
+
+impl PackedBeside {
+    /// What of `light` is not on the card. It takes threads, and so is not to be called with a lock held.
+    pub(super) fn of(light: LightBeside<'_>, has: Has) -> Result<PackedBeside, GpuError> {
+        let mut packed = PackedBeside::default();
+        if let Some(known) = light.known.filter(|_| !has.known) {
+            let records = known.packed_records();
+            if !has.cells {
+                packed.cells = Some(cells_of(if records.is_some() { known.base() } else { Some(known) })?);
+            }
+            packed.records = Some(records);
+        }
+        if let Some(focused) = light.focused.filter(|_| !has.focused) {
+            packed.photons = Some(packed_photons(focused)?);
+        }
+        Ok(packed)
+    }
+}
+
+fn cells_of(known: Option<&Arc<dyn SecondaryLight>>) -> Result<PackedLight, GpuError> {
+    match known {
+        Some(known) => known.packed().ok_or_else(|| not_packed(known.card().name)),
+        None => Ok(PackedLight {
+            header: GpuOctreeHeader::zeroed(),
+            words: Vec::new(),
+            sets: Vec::new(),
+            vdls: Vec::new(),
+        }),
+    }
+}
+
+fn packed_photons(focused: &Arc<dyn FocusedLight>) -> Result<PackedPhotons, GpuError> {
+    focused.packed().ok_or_else(|| not_packed("what a camera sees of focused light"))
+}
+
+/// What of some light is on the card.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Has {
+    known: bool,
+    /// The cells that answer where nothing else does.
+    cells: bool,
+    focused: bool,
 }
 
 /// Light in cells.
 #[derive(Debug)]
 struct Cells {
-    /// `None`: nothing is known.
-    known: Option<Arc<dyn SecondaryLight>>,
+    known: Name<dyn SecondaryLight>,
     /// Header, nodes, groups and lights.
     buffers: [Buffer; 4],
 }
 
 impl Cells {
-    fn new(session: &Session, known: Option<&Arc<dyn SecondaryLight>>) -> Result<Cells, GpuError> {
-        let packed = match known {
-            Some(known) => known.packed().ok_or_else(|| not_packed(known.card().name))?,
-            None => PackedLight {
-                header: GpuOctreeHeader::zeroed(),
-                words: Vec::new(),
-                sets: Vec::new(),
-                vdls: Vec::new(),
-            },
-        };
+    fn new(
+        session: &Session,
+        known: Option<&Arc<dyn SecondaryLight>>,
+        packed: &PackedLight,
+    ) -> Result<Cells, GpuError> {
         let buffers = [
             session.buffer_of("octree header", &[packed.header])?,
             session.buffer_of("octree", &packed.words)?,
             session.buffer_of("light sets", &packed.sets)?,
             session.buffer_of("virtual lights", &packed.vdls)?,
         ];
-        Ok(Cells { known: known.cloned(), buffers })
+        Ok(Cells { known: Name::of(known), buffers })
     }
 }
 
@@ -111,19 +194,25 @@ fn photons_of(session: &Session, packed: &PackedPhotons) -> Result<[Buffer; 2], 
 /// What is asked for light.
 #[derive(Debug)]
 struct Light {
-    known: Arc<dyn SecondaryLight>,
+    known: Name<dyn SecondaryLight>,
     cells: Arc<Cells>,
     /// `None`: it has none.
     records: Option<[Buffer; 2]>,
 }
 
-/// Light on a card: what was last asked, of each kind. It stays there until something else of its kind is: films that ask and films that
-/// do not take turns.
+/// Photons of a pass.
+#[derive(Debug)]
+struct Focused {
+    light: Name<dyn FocusedLight>,
+    photons: [Buffer; 2],
+}
+
+/// Light on a card. What was asked last stays there for a while: films take turns.
 #[derive(Debug)]
 pub(super) struct KnownOnCard {
-    octree: Option<Light>,
-    records: Option<Light>,
-    focused: Option<(Arc<dyn FocusedLight>, [Buffer; 2])>,
+    /// The ones asked last at the end.
+    lights: Vec<Light>,
+    focused: Vec<Focused>,
     /// What stands for cells, records and photons where there are none.
     no_cells: Cells,
     no_records: [Buffer; 2],
@@ -132,14 +221,14 @@ pub(super) struct KnownOnCard {
     /// What shaders see.
     pub(super) group: BindGroup,
     /// What is in the group, and what shades by it.
-    bound: (Option<Arc<dyn SecondaryLight>>, Option<Arc<dyn FocusedLight>>),
+    bound: (Name<dyn SecondaryLight>, Name<dyn FocusedLight>),
     shading: Shading,
 }
 
 impl KnownOnCard {
     /// No light at all.
     pub(super) fn nothing(session: &Session) -> Result<KnownOnCard, GpuError> {
-        let no_cells = Cells::new(session, None)?;
+        let no_cells = Cells::new(session, None, &cells_of(None)?)?;
         let no_records = records_of(session, &PackedRecords { records: Vec::new(), words: Vec::new() })?;
         let no_photons = photons_of(session, &PackedPhotons { photons: Vec::new(), words: Vec::new() })?;
         // The same for all that is asked: what a shader does not read it may have.
@@ -147,82 +236,152 @@ impl KnownOnCard {
         let layout = session.layout(&[uniform, read, read, read, read, read, read, read])?;
         let group = bind(session, &layout, &no_cells, &no_records, &no_photons)?;
         Ok(KnownOnCard {
-            octree: None,
-            records: None,
-            focused: None,
+            lights: Vec::new(),
+            focused: Vec::new(),
             no_cells,
             no_records,
             no_photons,
             layout,
             group,
-            bound: (None, None),
+            bound: (Name(None), Name(None)),
             shading: Shading::default(),
         })
     }
 
-    /// Brings light to the card as far as it is not there, and says what shades by it.
-    pub(super) fn bring(&mut self, session: &Session, light: LightBeside<'_>) -> Result<Shading, GpuError> {
+    /// What of it is here.
+    pub(super) fn has(&self, light: LightBeside<'_>) -> Has {
         let LightBeside { known, focused } = light;
-        if is_same(self.bound.0.as_ref(), known) && is_same(self.bound.1.as_ref(), focused) {
+        // Of what has records it is the base; what has none is all cells itself.
+        let cells = known.map(|known| known.base().unwrap_or(known));
+        Has {
+            known: self.lights.iter().any(|light| light.known.is_of(known)),
+            cells: self.lights.iter().any(|light| light.cells.known.is_of(cells)),
+            focused: self.focused.iter().any(|own| own.light.is_of(focused)),
+        }
+    }
+
+    /// Brings light to the card as far as it is not there, and says what shades by it. Where there is no room, all other light goes
+    /// first.
+    ///
+    /// - `packed`: what was not there before
+    ///
+    /// Errors: [`GpuError::LightTooLarge`], and what the card does not do.
+    pub(super) fn bring(
+        &mut self,
+        session: &Session,
+        light: LightBeside<'_>,
+        packed: &PackedBeside,
+    ) -> Result<Shading, GpuError> {
+        if self.bound.0.is_of(light.known) && self.bound.1.is_of(light.focused) {
             return Ok(self.shading);
         }
         // What goes leaves the card before something else comes: the group holds what is in it.
-        self.group = bind(session, &self.layout, &self.no_cells, &self.no_records, &self.no_photons)?;
-        let asked = known.map(|known| self.bring_known(session, known)).transpose()?;
-        if let Some(focused) = focused {
-            self.bring_focused(session, focused)?;
+        self.unbind(session)?;
+        self.lights.retain(|light| !light.known.is_gone());
+        self.focused.retain(|focused| !focused.light.is_gone());
+        match self.bind_all(session, light, packed) {
+            Err(GpuError::OutOfMemory { .. }) => {
+                self.lights.clear();
+                self.focused.clear();
+                self.bind_all(session, light, packed).map_err(|error| match error {
+                    GpuError::OutOfMemory { .. } => GpuError::LightTooLarge { source: Box::new(error) },
+                    _ => error,
+                })
+            }
+            done => done,
         }
-        let light = match asked {
-            None => None,
-            Some(Asked::Octree) => self.octree.as_ref(),
-            Some(Asked::Records) => self.records.as_ref(),
-        };
+    }
+
+    fn unbind(&mut self, session: &Session) -> Result<(), GpuError> {
+        self.group = bind(session, &self.layout, &self.no_cells, &self.no_records, &self.no_photons)?;
+        (self.bound, self.shading) = ((Name(None), Name(None)), Shading::default());
+        Ok(())
+    }
+
+    fn bind_all(
+        &mut self,
+        session: &Session,
+        light: LightBeside<'_>,
+        packed: &PackedBeside,
+    ) -> Result<Shading, GpuError> {
+        let LightBeside { known, focused } = light;
+        let light = known.map(|known| self.bring_known(session, known, packed)).transpose()?;
+        let photons = focused.map(|focused| self.bring_focused(session, focused, packed)).transpose()?;
+        let light = light.and_then(|place| self.lights.get(place));
+        let photons = photons.and_then(|place| self.focused.get(place));
         let cells = light.map_or(&self.no_cells, |light| &*light.cells);
-        let records = light.and_then(|light| light.records.as_ref()).unwrap_or(&self.no_records);
-        let photons = self.focused.as_ref().filter(|_| focused.is_some());
-        let photons = photons.map_or(&self.no_photons, |(_, photons)| photons);
-        self.group = bind(session, &self.layout, cells, records, photons)?;
-        self.bound = (known.cloned(), focused.cloned());
+        let records = light.and_then(|light| light.records.as_ref());
+        let asked = light.map(|_| if records.is_some() { Asked::Records } else { Asked::Octree });
+        self.group = bind(
+            session,
+            &self.layout,
+            cells,
+            records.unwrap_or(&self.no_records),
+            photons.map_or(&self.no_photons, |focused| &focused.photons),
+        )?;
+        self.bound = (Name::of(known), Name::of(focused));
         self.shading = Shading { asked, is_focused: focused.is_some() };
         Ok(self.shading)
     }
 
-    fn bring_known(&mut self, session: &Session, known: &Arc<dyn SecondaryLight>) -> Result<Asked, GpuError> {
-        let is_this = |light: &Light| Arc::ptr_eq(&light.known, known);
-        if self.octree.as_ref().is_some_and(is_this) {
-            return Ok(Asked::Octree);
+    /// Its place among the lights, the last.
+    fn bring_known(
+        &mut self,
+        session: &Session,
+        known: &Arc<dyn SecondaryLight>,
+        packed: &PackedBeside,
+    ) -> Result<usize, GpuError> {
+        if let Some(place) = self.lights.iter().position(|light| light.known.is_of(Some(known))) {
+            let light = self.lights.remove(place);
+            self.lights.push(light);
+            return Ok(self.lights.len() - 1);
         }
-        if self.records.as_ref().is_some_and(is_this) {
-            return Ok(Asked::Records);
-        }
-        let packed = known.packed_records();
-        let of_cells = if packed.is_some() { known.base() } else { Some(known) };
-        let mut lights = self.octree.iter().chain(&self.records);
-        let there = lights.find(|light| is_same(light.cells.known.as_ref(), of_cells));
+        // What others took off the card since it was packed is packed here.
+        let packed_now;
+        let records = match &packed.records {
+            Some(records) => records,
+            None => {
+                packed_now = known.packed_records();
+                &packed_now
+            }
+        };
+        let of_cells = if records.is_some() { known.base() } else { Some(known) };
+        let there = self.lights.iter().find(|light| light.cells.known.is_of(of_cells));
         let there = there.map(|light| Arc::clone(&light.cells));
-        let (asked, place) = match &packed {
-            Some(_) => (Asked::Records, &mut self.records),
-            None => (Asked::Octree, &mut self.octree),
+        if self.lights.len() >= LIGHTS_MAX {
+            self.lights.remove(0);
+        }
+        let cells = match (there, &packed.cells) {
+            (Some(cells), _) => cells,
+            (None, Some(packed)) => Arc::new(Cells::new(session, of_cells, packed)?),
+            (None, None) => Arc::new(Cells::new(session, of_cells, &cells_of(of_cells)?)?),
         };
-        // The old light makes room first.
-        *place = None;
-        let cells = match there {
-            Some(cells) => cells,
-            None => Arc::new(Cells::new(session, of_cells)?),
-        };
-        let records = packed.map(|packed| records_of(session, &packed)).transpose()?;
-        *place = Some(Light { known: Arc::clone(known), cells, records });
-        Ok(asked)
+        let records = records.as_ref().map(|packed| records_of(session, packed)).transpose()?;
+        self.lights.push(Light { known: Name::of(Some(known)), cells, records });
+        Ok(self.lights.len() - 1)
     }
 
-    fn bring_focused(&mut self, session: &Session, focused: &Arc<dyn FocusedLight>) -> Result<(), GpuError> {
-        if self.focused.as_ref().is_some_and(|(own, _)| Arc::ptr_eq(own, focused)) {
-            return Ok(());
+    /// Its place among the photons, the last.
+    fn bring_focused(
+        &mut self,
+        session: &Session,
+        focused: &Arc<dyn FocusedLight>,
+        packed: &PackedBeside,
+    ) -> Result<usize, GpuError> {
+        if let Some(place) = self.focused.iter().position(|own| own.light.is_of(Some(focused))) {
+            let own = self.focused.remove(place);
+            self.focused.push(own);
+            return Ok(self.focused.len() - 1);
         }
-        self.focused = None;
-        let packed = focused.packed().ok_or_else(|| not_packed("what a camera sees of focused light"))?;
-        self.focused = Some((Arc::clone(focused), photons_of(session, &packed)?));
-        Ok(())
+        if self.focused.len() >= FOCUSED_MAX {
+            self.focused.remove(0);
+        }
+        let photons = match &packed.photons {
+            Some(packed) => photons_of(session, packed)?,
+            None => photons_of(session, &packed_photons(focused)?)?,
+        };
+        self.focused.push(Focused { light: Name::of(Some(focused)), photons });
+        Ok(self.focused.len() - 1)
     }
 }
 

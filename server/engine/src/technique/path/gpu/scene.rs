@@ -6,11 +6,11 @@ use lumicast_shaders::Constant;
 
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
-    known::{KnownOnCard, LightBeside, Shading},
+    known::{Has, KnownOnCard, LightBeside, PackedBeside, Shading},
     tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
 };
 use crate::{
-    accel::{GAMMA_5, GAMMA_19},
+    accel::{AccelBuffers, GAMMA_5, GAMMA_19},
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     technique::{
         LIKE_COS,
@@ -36,10 +36,23 @@ pub(super) struct GpuWorld {
     pub(super) constants: Vec<(&'static str, Constant)>,
 }
 
+/// A scene in words. Packing takes threads, and so is not done with a lock held.
+#[derive(Debug)]
+pub(super) struct PackedScene {
+    trees: AccelBuffers,
+    world: WorldBuffers,
+}
+
+impl PackedScene {
+    pub(super) fn of(world: &World) -> PackedScene {
+        PackedScene { trees: world.accel().upload(), world: world.upload() }
+    }
+}
+
 impl GpuWorld {
-    pub(super) fn new(session: &Arc<Session>, world: &World) -> Result<GpuWorld, GpuError> {
-        let trees = GpuTrees::new(session, &world.accel().upload())?;
-        let packed: WorldBuffers = world.upload();
+    pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
+        let PackedScene { trees, world: packed } = packed;
+        let trees = GpuTrees::new(session, trees)?;
         let buffers = vec![
             session.buffer_of("scene header", &[packed.header])?,
             session.buffer_of("placements", &packed.placements)?,
@@ -118,8 +131,8 @@ struct Ready {
 }
 
 impl Ready {
-    fn new(session: Arc<Session>, world: &World) -> Result<Ready, GpuError> {
-        let world = GpuWorld::new(&session, world)?;
+    fn new(session: Arc<Session>, packed: &PackedScene) -> Result<Ready, GpuError> {
+        let world = GpuWorld::new(&session, packed)?;
         let known = KnownOnCard::nothing(&session)?;
         Ok(Ready { session, world, pixels: None, rays: None, known, shader_seconds: 0.0 })
     }
@@ -228,7 +241,7 @@ impl GpuScene {
     }
 
     fn prepare(&self, from: PathStart, shading: Shading) -> Result<(), GpuError> {
-        self.with_ready(&mut locked(&self.ready), |ready| ready.prepare(from, SLICE_MIN, shading))
+        self.with_ready(|ready| ready.prepare(from, SLICE_MIN, shading))
     }
 
     /// Most paths of a slice.
@@ -259,30 +272,37 @@ impl GpuScene {
         work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
-        self.with_ready(&mut locked(&self.ready), |ready| {
-            let shading = ready.known.bring(&ready.session, light)?;
+        let has = locked(&self.ready).as_ref().map_or_else(Has::default, |ready| ready.known.has(light));
+        let packed = PackedBeside::of(light, has)?;
+        self.with_ready(|ready| {
+            let shading = ready.known.bring(&ready.session, light, &packed)?;
             ready.prepare(from, capacity, shading)?;
             work(ready.tracing(from, shading)?)
         })
     }
 
     /// Runs `work` with what is on a device that works.
-    fn with_ready<T>(
-        &self,
-        held: &mut Option<Ready>,
-        work: impl FnOnce(&mut Ready) -> Result<T, GpuError>,
-    ) -> Result<T, GpuError> {
-        if held.as_ref().is_some_and(|ready| ready.session.check().is_err()) {
-            self.let_go(held);
+    fn with_ready<T>(&self, work: impl FnOnce(&mut Ready) -> Result<T, GpuError>) -> Result<T, GpuError> {
+        let is_usable =
+            |held: &Option<Ready>| held.as_ref().is_some_and(|ready| ready.session.check().is_ok());
+        // Not with the lock held: a thread that waits for others may begin what waits for the lock.
+        let is_there = is_usable(&locked(&self.ready));
+        let packed = (!is_there).then(|| PackedScene::of(&self.world));
+        let mut held = locked(&self.ready);
+        if !is_usable(&held) {
+            self.let_go(&mut held);
         }
         let ready = match &mut *held {
             Some(ready) => ready,
-            nothing => nothing.insert(Ready::new(self.gpu.session()?, &self.world)?),
+            nothing => {
+                let packed = packed.unwrap_or_else(|| PackedScene::of(&self.world));
+                nothing.insert(Ready::new(self.gpu.session()?, &packed)?)
+            }
         };
         let result = work(ready);
-        if result.is_err() {
-            // What was half done is done anew.
-            self.let_go(held);
+        // What was half done is done anew; light that has no room changed nothing.
+        if !matches!(result, Ok(_) | Err(GpuError::LightTooLarge { .. })) {
+            self.let_go(&mut held);
         }
         result
     }

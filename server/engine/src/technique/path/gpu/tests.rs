@@ -289,7 +289,8 @@ fn film_by(technique: &mut dyn Technique, shot: &Shot, passes: u32) -> Film {
 fn step(technique: &mut dyn Technique, shot: &Shot, film: &mut Film, is_cancelled: bool) -> Progress {
     let view = View::new(&shot.world, &shot.camera, shot.size);
     let canvas = Some(Canvas { view: &view, film });
-    let (products, cancel) = (&mut Products::default(), &AtomicBool::new(is_cancelled));
+    let mut products = Products { caustics: shot.focused.clone(), ..Products::default() };
+    let (products, cancel) = (&mut products, &AtomicBool::new(is_cancelled));
     technique.step(&mut Step { world: &shot.world, products, canvas, cancel })
 }
 

@@ -7,9 +7,8 @@ use std::{sync::Arc, time::Instant};
 
 use bytemuck::Zeroable;
 use lumicast_shaders::{
-    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, GATHER_SHADE_BY_RECORDS, PATH_BEGIN,
-    PATH_CLOSEST, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN,
-    Step as Shader,
+    GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, Step as Shader,
 };
 
 use super::{
@@ -65,14 +64,15 @@ impl PathStart {
         }
     }
 
-    fn shade(self, asked: Option<Asked>) -> &'static Shader {
+    /// `None`: records are not gathered from records.
+    fn shade(self, asked: Option<Asked>) -> Option<&'static Shader> {
         match (self, asked) {
-            (PathStart::Pixels, None) => &PATH_SHADE,
-            (PathStart::Pixels, Some(Asked::Octree)) => &PATH_SHADE_BY_OCTREE,
-            (PathStart::Pixels, Some(Asked::Records)) => &PATH_SHADE_BY_RECORDS,
-            (PathStart::Rays, None) => &GATHER_SHADE,
-            (PathStart::Rays, Some(Asked::Octree)) => &GATHER_SHADE_BY_OCTREE,
-            (PathStart::Rays, Some(Asked::Records)) => &GATHER_SHADE_BY_RECORDS,
+            (PathStart::Pixels, None) => Some(&PATH_SHADE),
+            (PathStart::Pixels, Some(Asked::Octree)) => Some(&PATH_SHADE_BY_OCTREE),
+            (PathStart::Pixels, Some(Asked::Records)) => Some(&PATH_SHADE_BY_RECORDS),
+            (PathStart::Rays, None) => Some(&GATHER_SHADE),
+            (PathStart::Rays, Some(Asked::Octree)) => Some(&GATHER_SHADE_BY_OCTREE),
+            (PathStart::Rays, Some(Asked::Records)) => None,
         }
     }
 
@@ -224,7 +224,9 @@ impl Paths {
         }
         let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*known.layout];
         let constants = world.constants_of_shade(self.from, shading);
-        *shade = Some(session.pipeline(self.from.shade(shading.asked), &constants, &layouts)?);
+        let no_such = || GpuError::Failed { what: "light is not gathered from records".into() };
+        let shader = self.from.shade(shading.asked).ok_or_else(no_such)?;
+        *shade = Some(session.pipeline(shader, &constants, &layouts)?);
         Ok(true)
     }
 }

@@ -2,16 +2,26 @@
 
 use std::time::Duration;
 
-use super::*;
+use super::{
+    known_light::{ALL_STEPS, with_records},
+    *,
+};
 use crate::{
     effects::{EffectChoice, EffectChoices, EffectKind},
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
     render::{Indirect, RenderSettings, Rendering},
     scene::samples,
+    technique::caustics::CausticLight,
 };
 
 fn cornell() -> Shot {
     Shot { size: size(48, 40), ..shot(samples::cornell_box().unwrap()) }
+}
+
+/// The same, path-traced alone, and by records and photons.
+fn cornells() -> [Shot; 2] {
+    let by_records = with_records(samples::cornell_box().unwrap(), ALL_STEPS, true);
+    [cornell(), Shot { size: size(48, 40), ..by_records.focused(CausticLight::All) }]
 }
 
 /// However a pass is cut into slices, it brings the same bytes.
@@ -33,26 +43,27 @@ fn slices_of_any_size_bring_the_same_bytes() {
 #[test]
 fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
     let Some(gpu) = shared() else { return };
-    let shot = cornell();
-    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
-    let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 2);
-    let mut tracer = shot.tracer(&scene);
-    let mut film = Film::new(shot.size);
-    assert!(!step(&mut tracer, &shot, &mut film, true).complete);
-    assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, 0));
-    for kept in [100, 200, 300] {
-        let mut begun = tracer.begun.take().unwrap();
-        tracer.slice = 100;
-        tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
-        tracer.begun = Some(begun);
-        assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
-        assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, kept));
+    for shot in cornells() {
+        let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+        let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 2);
+        let mut tracer = shot.tracer(&scene);
+        let mut film = Film::new(shot.size);
+        assert!(!step(&mut tracer, &shot, &mut film, true).complete);
+        assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, 0));
+        for kept in [100, 200, 300] {
+            let mut begun = tracer.begun.take().unwrap();
+            tracer.slice = 100;
+            tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
+            tracer.begun = Some(begun);
+            assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
+            assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, kept));
+        }
+        let progress = step(&mut tracer, &shot, &mut film, false);
+        assert!(progress.complete && tracer.begun.is_none());
+        assert_eq!(progress.counts.paths, shot.size.pixel_count() as u64 - 300);
+        assert!(step(&mut tracer, &shot, &mut film, false).complete);
+        assert_same_bits(&undisturbed, &film);
     }
-    let progress = step(&mut tracer, &shot, &mut film, false);
-    assert!(progress.complete && tracer.begun.is_none());
-    assert_eq!(progress.counts.paths, shot.size.pixel_count() as u64 - 300);
-    assert!(step(&mut tracer, &shot, &mut film, false).complete);
-    assert_same_bits(&undisturbed, &film);
 }
 
 /// What was begun of another picture is not taken for this one's.
@@ -76,33 +87,35 @@ fn slices_of_another_picture_are_thrown_away() {
 #[test]
 fn lost_devices_change_no_bit_of_the_picture() {
     let Some(gpu) = open().map(Arc::new) else { return };
-    let shot = cornell();
-    let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
-    let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
-    let mut tracer = shot.tracer(&scene);
-    let mut film = Film::new(shot.size);
-    let mut begun = shot.begin(&tracer, 0);
-    tracer.slice = 700;
-    tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
-    tracer.begun = Some(begun);
-    gpu.session().unwrap().lose_for_test();
-    assert!(step(&mut tracer, &shot, &mut film, false).complete, "slices are kept on this side");
-    assert_eq!(gpu.session().unwrap().generation(), 1);
-    let lost = gpu.session().unwrap();
-    std::thread::scope(|scope| {
-        // Somewhere in the passes to come: wherever that is, they bring the same.
-        scope.spawn(|| {
-            std::thread::park_timeout(Duration::from_millis(5));
-            lost.lose_for_test();
-        });
-        for _ in 0..20 {
-            if film.passes_min() < 3 {
-                step(&mut tracer, &shot, &mut film, false);
+    for shot in cornells() {
+        let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+        let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
+        let mut tracer = shot.tracer(&scene);
+        let mut film = Film::new(shot.size);
+        let mut begun = shot.begin(&tracer, 0);
+        tracer.slice = 700;
+        tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
+        tracer.begun = Some(begun);
+        let before = gpu.session().unwrap().generation();
+        gpu.session().unwrap().lose_for_test();
+        assert!(step(&mut tracer, &shot, &mut film, false).complete, "slices are kept on this side");
+        assert_eq!(gpu.session().unwrap().generation(), before + 1);
+        let lost = gpu.session().unwrap();
+        std::thread::scope(|scope| {
+            // Somewhere in the passes to come: wherever that is, they bring the same.
+            scope.spawn(|| {
+                std::thread::park_timeout(Duration::from_millis(5));
+                lost.lose_for_test();
+            });
+            for _ in 0..20 {
+                if film.passes_min() < 3 {
+                    step(&mut tracer, &shot, &mut film, false);
+                }
             }
-        }
-    });
-    assert_eq!(tracer.failure(), None);
-    assert_same_bits(&undisturbed, &film);
+        });
+        assert_eq!(tracer.failure(), None);
+        assert_same_bits(&undisturbed, &film);
+    }
 }
 
 /// A scene that a card has no room for is an error with its numbers, and the CPU draws the picture, from its first bit on.
@@ -139,6 +152,64 @@ fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
     assert_eq!(found, Some(failure));
     let (by_cpu, _) = draw(None);
     assert_same_bits(&by_cpu, &by_both);
+}
+
+/// Light that a card has no room for beside the scene is an error of its own: the scene stays and draws on, with light that has room too.
+#[test]
+fn light_too_large_for_a_card_leaves_the_scene_there() {
+    let options = |bytes_max| GpuOptions { adapter: AdapterChoice::Any, bytes_max, ..GpuOptions::default() };
+    let [shot, by_records] = cornells();
+    let bytes_after = |shot: &Shot, gpu: Gpu| {
+        let scene = Arc::new(GpuScene::new(Arc::new(gpu), Arc::clone(&shot.world)));
+        shot.on_card(&scene, 0);
+        scene.bytes()
+    };
+    let Some(gpu) = open_with(&options(u64::MAX)) else { return };
+    let alone = bytes_after(&shot, gpu);
+    let together = bytes_after(&by_records, open_with(&options(u64::MAX)).unwrap());
+    // Room for samples on their way back, and not for light as well.
+    let room = shot.size.pixel_count() as u64 * SAMPLE_BYTES + 1_000;
+    assert!(together > alone + room, "{alone} {together}");
+    let gpu = Arc::new(open_with(&options(alone + room)).unwrap());
+    let world = Arc::clone(&shot.world);
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&world)));
+    let drawn = shot.on_card(&scene, 0).samples;
+    // Of the same world, as cards know it.
+    let mut tracer = Shot { world, ..by_records.clone() }.tracer(&scene);
+    assert!(!step(&mut tracer, &by_records, &mut Film::new(shot.size), false).complete);
+    let failure = tracer.failure().cloned().unwrap();
+    assert!(matches!(failure, GpuError::LightTooLarge { .. }), "{failure}");
+    assert_eq!(scene.bytes(), alone, "the scene is there, and nothing else");
+    assert!(shot.on_card(&scene, 0).samples == drawn);
+}
+
+/// Of light that several pictures ask in turns each keeps what it asked: nothing is taken for another's, and what nobody has any more
+/// leaves the card.
+#[test]
+fn lights_take_turns_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let shots: Vec<Shot> = [ALL_STEPS, 12, 8, 15, 9, 10]
+        .map(|steps| with_records(samples::boxes().unwrap(), steps, true))
+        .into_iter()
+        .collect();
+    let alone: Vec<_> = shots
+        .iter()
+        .map(|shot| {
+            let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+            shot.on_card(&scene, 0).samples
+        })
+        .collect();
+    assert!(alone.windows(2).all(|pair| pair[0] != pair[1]));
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shots[0].world)));
+    for index in [0, 1, 2, 3, 4, 5, 0, 5, 2, 2, 1] {
+        assert!(shots[index].on_card(&scene, 0).samples == alone[index], "{index}");
+    }
+    let before = scene.bytes();
+    let last = shots.last().unwrap().clone();
+    drop(shots);
+    let unknown = Shot { known: None, settings: PathSettings::all(None, 4), ..last };
+    unknown.on_card(&scene, 0);
+    assert!(scene.bytes() < before, "{before} {}", scene.bytes());
 }
 
 /// Photons of their own bring caustics to a picture on a card as well, with or without indirect light.

@@ -15,7 +15,7 @@ use crate::{
 
 impl Shot {
     /// With a map of photons of its own.
-    fn focused(self, light: CausticLight) -> Shot {
+    pub(super) fn focused(self, light: CausticLight) -> Shot {
         let of = CausticSettings::for_sketch(self.settings.bounces_max, 3);
         let mut caustics = Caustics::new(CausticSettings { light, ..of });
         assert!(caustics.prepare(&self.world, SHADOWED_PASS, &AtomicBool::new(false)).complete);

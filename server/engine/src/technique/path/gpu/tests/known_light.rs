@@ -161,8 +161,8 @@ pub(super) fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
             Step { world: &shot.world, products: &mut Products::default(), canvas: None, cancel: &never };
         caching.step(&mut step);
     }
-    assert_eq!(caching.is_complete(), steps == ALL_STEPS);
-    assert!(caching.cache().records().len() > 20);
+    assert!(caching.is_complete() || steps < ALL_STEPS);
+    assert!(!caching.cache().records().is_empty());
     Shot { known: Some(caching.snapshot()), ..shot }
 }
 

@@ -281,7 +281,7 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
 fn every_constant_of_the_proof_is_prepended() {
     let Some(gpu) = shared() else { return };
     let world = World::prepare(Arc::new(crate::scene::samples::boxes().unwrap()));
-    let on_card = GpuWorld::new(&gpu.session().unwrap(), &world).unwrap();
+    let on_card = GpuWorld::new(&gpu.session().unwrap(), &PackedScene::of(&world)).unwrap();
     let mut names: Vec<_> = on_card
         .constants_of_shade(PathStart::Rays, Shading::default())
         .into_iter()
