@@ -386,7 +386,7 @@ impl<'a> Job<'a> {
             effects: statistics::effects(&plan, self.args.technique(), self.args.bounces),
             not_run: not_run(
                 rendering.illumination().is_some(),
-                records.count > 0,
+                records.seconds > 0.0,
                 splat > 0.0,
                 caustics.photons_emitted > 0,
                 rendering.is_on_gpu(),

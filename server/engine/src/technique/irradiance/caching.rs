@@ -43,6 +43,9 @@ const WALKS_AGAIN_MAX: u32 = 4;
 const STEP_SECONDS: f64 = 0.01;
 /// Records made in one step where no clock may decide.
 const STEP_RECORDS: usize = 32;
+/// Records that are found missing together at first, where more may be: twice as many with every batch. Nothing shows of a batch that is
+/// not complete, and a slow card takes seconds for a thousand.
+const FIRST_BATCH: usize = 100;
 
 /// Making records for views.
 #[derive(Debug)]
@@ -58,6 +61,8 @@ pub struct IrradianceCaching {
     turn: usize,
     /// Records of a view that are being made.
     batch: Option<Batch>,
+    /// Records of the next batch at most, as far as so many may be found together.
+    next_batch: usize,
     /// Where the records are, in their order.
     places: Vec<Place>,
     /// Those that an edit left, with light of now, as far as it is gathered; `None` where all light is of now.
@@ -156,6 +161,7 @@ impl IrradianceCaching {
             gazes: Vec::new(),
             turn: 0,
             batch: None,
+            next_batch: FIRST_BATCH,
             places: Vec::new(),
             relit: None,
             refining: Refining::BEGIN,
@@ -359,7 +365,7 @@ impl IrradianceCaching {
     fn cover_some(&mut self, index: usize, step: &Step<'_>) -> Counts {
         let start = Instant::now();
         let room = self.settings.records_max - self.cache.records.len();
-        let count_max = self.settings.records_per_batch.get().min(room.max(1));
+        let count_max = self.settings.records_per_batch.get().min(self.next_batch).min(room.max(1));
         let gaze = &mut self.gazes[index];
         let mut batch = self.batch.take().unwrap_or_else(|| {
             let view = View::new(step.world, &gaze.camera, gaze.size);
@@ -385,6 +391,8 @@ impl IrradianceCaching {
         }
         if !batch.gathered.is_empty() {
             self.refining = Refining::BEGIN;
+            self.next_batch =
+                (2 * self.next_batch).min(self.settings.records_per_batch.get().max(FIRST_BATCH));
         }
         self.gathered_count += batch.gathered.len() as u64;
         for (seen, Gathered { record, sight }) in batch.places.into_iter().zip(batch.gathered) {
@@ -478,7 +486,7 @@ impl IrradianceCaching {
     fn drop_all(&mut self) {
         self.round = 0;
         self.cache = IrradianceCache::new(self.settings.rougher(ROUNDS[0]), self.base.clone());
-        self.batch = None;
+        (self.batch, self.next_batch) = (None, FIRST_BATCH);
         self.places.clear();
         self.relit = None;
         self.refining = Refining::BEGIN;

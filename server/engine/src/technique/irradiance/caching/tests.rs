@@ -55,6 +55,34 @@ fn the_walk_leaves_no_pixel_out() {
     }
 }
 
+/// Where a card takes many records together the first ones come as soon as on the CPU, and later ones by as many as there may be.
+#[test]
+fn batches_grow() {
+    let world = room();
+    let painted: Arc<dyn ArrivingLight> = Arc::new(Painted(|p: Vec3| Rgb::new(1.0, 1.0, 1.0 + p.x)));
+    let camera = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(160, 120).unwrap();
+    let batches = |together: usize| {
+        let settings =
+            IrradianceSettings { records_per_batch: together.try_into().unwrap(), ..with_rays(20) };
+        let mut caching = IrradianceCaching::new(settings, painted.clone(), None);
+        caching.look(0, &camera, size);
+        let (mut counts, mut before) = (Vec::new(), 0);
+        while caching.next_gaze().is_some() {
+            let (products, cancel) = (&mut Products::default(), &AtomicBool::new(false));
+            caching.step(&mut Step { world: &world, products, canvas: None, cancel });
+            let count = caching.cache().records().len();
+            counts.extend((count > before).then(|| count - before));
+            before = count;
+        }
+        counts
+    };
+    let by_many = batches(1_000);
+    assert!(by_many[0] <= 100 && by_many.iter().any(|count| *count > 150), "{by_many:?}");
+    assert!(batches(100).iter().all(|count| *count <= 100));
+    assert!(batches(7).iter().all(|count| *count <= 7));
+}
+
 /// The share of a view's pixels that records count at.
 fn covered(caching: &IrradianceCaching, world: &World, camera: &CameraView, size: PictureSize) -> f32 {
     let view = View::new(world, camera, size);
