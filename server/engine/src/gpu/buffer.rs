@@ -159,7 +159,8 @@ impl Session {
             return Err(refused(self.limits.max_buffer_size, "the adapter's largest buffer"));
         }
         let size = byte_count.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).max(BYTES_MIN);
-        let held = self.budget.take(size).map_err(|left| refused(left, "what is left of the bytes it may take"))?;
+        let held =
+            self.budget.take(size).map_err(|left| refused(left, "what is left of the bytes it may take"))?;
         let descriptor = wgpu::BufferDescriptor { label: Some(name), size, usage, mapped_at_creation: false };
         let buffer = self.checked(
             || self.device.create_buffer(&descriptor),
