@@ -89,9 +89,9 @@ settings! {
     /// What draws pictures: cpu; gpu, a graphics card or what stands for one; auto: a graphics card where there is one. Light is
     /// learnt on the CPU in any case.
     backend: String = "auto".into();
-    /// Bytes that all scenes together may take on the graphics card: up to 75 MB each for paths on their way, about 150 a triangle, 400
-    /// to 1,500 a record of irradiance, 100 a photon of caustics. A scene for which no room is left is drawn on the CPU, and so are pictures
-    /// of looked-up light for which none is left beside their scene.
+    /// Bytes that all scenes together may take on the graphics card: up to 125 MB each for paths on their way, about 150 a
+    /// triangle, 400 to 1,500 a record of irradiance, 100 a photon of caustics. A scene for which no room is left is drawn on
+    /// the CPU, and so are pictures of looked-up light for which none is left beside their scene.
     gpu_bytes: u64 = 2 << 30;
     /// Seconds that a graphics card may take for a piece of work of some milliseconds before it counts as hanging.
     gpu_seconds_max: u64 = 60;

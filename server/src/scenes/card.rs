@@ -234,13 +234,13 @@ impl SceneOnCard {
     }
 
     fn note_failure(&mut self, error: &GpuError, workshop: &Workshop) {
-        if matches!(error, GpuError::LightTooLarge { .. }) {
-            // The scene stays, for pictures that look nothing up.
-            tracing::warn!(%error, "pictures of looked-up light are drawn on the CPU until the scene's light changes");
-            self.refuses_light = true;
-            return;
-        }
         self.stage = match error {
+            GpuError::LightTooLarge { .. } => {
+                // The scene stays, for pictures that look nothing up.
+                tracing::warn!(%error, "pictures of looked-up light are drawn on the CPU until the scene's light changes");
+                self.refuses_light = true;
+                return;
+            }
             GpuError::OutOfMemory { .. } => {
                 tracing::warn!(%error, "the scene is drawn on the CPU");
                 Stage::Refused
@@ -253,8 +253,7 @@ impl SceneOnCard {
                 tracing::warn!(%error, "drawing on the CPU for a while");
                 Stage::Later(Instant::now() + RETRY)
             }
-            GpuError::LightTooLarge { .. }
-            | GpuError::Insufficient { .. }
+            GpuError::Insufficient { .. }
             | GpuError::Shader { .. }
             | GpuError::TimedOut { .. }
             | GpuError::Failed { .. } => {

@@ -83,7 +83,9 @@ impl ReadBack {
     fn taken(&self, mapped: Result<(), wgpu::BufferAsyncError>) -> Result<Vec<u8>, GpuError> {
         let Staging { session, buffer, .. } = &self.staging;
         session.check()?;
-        let failed = |what: String| GpuError::Failed { what: format!("{}: {what}", buffer.name()) };
+        // A device that goes in this moment takes its buffers along before the news of it are here.
+        let failed =
+            |what: String| session.loss_or(GpuError::Failed { what: format!("{}: {what}", buffer.name()) });
         mapped.map_err(|error| failed(error.to_string()))?;
         let view = buffer.buffer.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
         Ok(view[..buffer.byte_count() as usize].to_vec())

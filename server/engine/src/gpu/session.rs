@@ -219,7 +219,7 @@ impl Session {
     }
 
     /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here.
-    fn loss_or(&self, error: GpuError) -> GpuError {
+    pub(super) fn loss_or(&self, error: GpuError) -> GpuError {
         let _ = self.poll(wgpu::PollType::Poll);
         if self.fate.is_lost.load(Ordering::Acquire) { GpuError::Lost } else { error }
     }

@@ -203,8 +203,7 @@ impl RenderSettings {
         }
         if learnt == Some(Learnt::Records) {
             // With a bound on scatterings nobody is asked: see `Learner`.
-            let asked = self.bounces_max.is_none().then_some(Asked::Octree);
-            scene.make_ready_to_gather(Shading { asked, is_focused: false })?;
+            scene.make_ready_to_gather(self.bounces_max.is_none())?;
         }
         Ok(())
     }
@@ -237,7 +236,7 @@ impl Rendering {
 
     /// Light is looked up for it, which a card must have room for.
     pub fn looks_light_up(&self) -> bool {
-        self.learnt.is_some() || self.caustics.is_some()
+        self.learnt.is_some() || self.caustics.is_some() || self.hidden.iter().any(Option::is_some)
     }
 
     /// Goes on by the CPU.

@@ -184,7 +184,7 @@ fn buffers_beyond_the_budget_are_refused() {
     assert_eq!(
         refused.to_string(),
         "buffer \"photons\" needs 404 bytes on the graphics card where 400 are allowed \
-         (what is left of bytes_max); take the CPU backend"
+         (what is left of the bytes it may take); take the CPU backend"
     );
     drop(first);
     session.buffer_zeroed("photons", 404).unwrap();

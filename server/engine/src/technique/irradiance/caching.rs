@@ -391,6 +391,8 @@ impl IrradianceCaching {
         }
         if !batch.gathered.is_empty() {
             self.refining = Refining::BEGIN;
+        }
+        if batch.gathered.len() >= self.next_batch {
             self.next_batch =
                 (2 * self.next_batch).min(self.settings.records_per_batch.get().max(FIRST_BATCH));
         }

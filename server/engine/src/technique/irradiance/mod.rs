@@ -275,6 +275,10 @@ impl SecondaryLight for IrradianceCache {
         Some(self.pack_records())
     }
 
+    fn has_records(&self) -> bool {
+        true
+    }
+
     fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {
         self.base.as_ref()
     }

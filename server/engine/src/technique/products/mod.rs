@@ -105,6 +105,11 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
         None
     }
 
+    /// It has records of irradiance.
+    fn has_records(&self) -> bool {
+        false
+    }
+
     /// What answers where it knows nothing.
     fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {
         None

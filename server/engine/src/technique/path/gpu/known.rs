@@ -9,8 +9,10 @@ use crate::{
     technique::{FocusedLight, GpuOctreeHeader, PackedLight, PackedPhotons, PackedRecords, SecondaryLight},
 };
 
-/// Lights that stay on the card for whoever asks them next, and photons of passes: those that were asked longest ago go first.
+/// Lights that stay on the card for whoever asks them next; those that were asked longest ago go first. An octree and records are what the
+/// viewers of a scene ask in turns, and a drawing for somebody else has its own of both.
 const LIGHTS_MAX: usize = 4;
+/// The same of photons: those of a looked-up film and of the path-traced one beside it.
 const FOCUSED_MAX: usize = 2;
 
 /// What paths ask for light that is known.
@@ -38,6 +40,7 @@ impl Shading {
     ///
     /// - `has_focused`: something in it focuses light
     pub fn all(has_focused: bool) -> impl Iterator<Item = Shading> {
+        // As viewers need them: by records and, before those are there, by nothing.
         let asked = [Some(Asked::Records), None, Some(Asked::Octree)];
         let focused = if has_focused { &[true, false][..] } else { &[false][..] };
         let each =
@@ -63,6 +66,12 @@ pub(super) struct LightBeside<'a> {
     pub(super) known: Option<&'a Arc<dyn SecondaryLight>>,
     /// What mirrors and glass focus, of one pass.
     pub(super) focused: Option<&'a Arc<dyn FocusedLight>>,
+}
+
+impl LightBeside<'_> {
+    pub(super) fn is_any(self) -> bool {
+        self.known.is_some() || self.focused.is_some()
+    }
 }
 
 /// Both are one, or there are none.
@@ -109,21 +118,28 @@ pub(super) struct PackedBeside {
 }
 
 impl PackedBeside {
-    /// What of `light` is not on the card. It takes threads, and so is not to be called with a lock held.
-    pub(super) fn of(light: LightBeside<'_>, has: Has) -> Result<PackedBeside, GpuError> {
-        let mut packed = PackedBeside::default();
-        if let Some(known) = light.known.filter(|_| !has.known) {
-            let records = known.packed_records();
-            if !has.cells {
-                packed.cells = Some(cells_of(if records.is_some() { known.base() } else { Some(known) })?);
+    /// Packs what is lacking. It takes threads, and so is not to be called with a lock held: a thread that waits for others may begin what
+    /// waits for the lock.
+    pub(super) fn pack(&mut self, light: LightBeside<'_>, lacking: Lacking) -> Result<(), GpuError> {
+        if let Some(known) = light.known {
+            if lacking.records {
+                self.records = Some(known.packed_records());
             }
-            packed.records = Some(records);
+            if lacking.cells {
+                self.cells = Some(cells_of(cells_asked(known))?);
+            }
         }
-        if let Some(focused) = light.focused.filter(|_| !has.focused) {
-            packed.photons = Some(packed_photons(focused)?);
+        if let Some(focused) = light.focused.filter(|_| lacking.photons) {
+            let sketched = || not_packed("what a camera sees of focused light");
+            self.photons = Some(focused.packed().ok_or_else(sketched)?);
         }
-        Ok(packed)
+        Ok(())
     }
+}
+
+/// What is asked in cells: the base of what has records, and otherwise itself.
+fn cells_asked(known: &Arc<dyn SecondaryLight>) -> Option<&Arc<dyn SecondaryLight>> {
+    if known.has_records() { known.base() } else { Some(known) }
 }
 
 fn cells_of(known: Option<&Arc<dyn SecondaryLight>>) -> Result<PackedLight, GpuError> {
@@ -138,17 +154,12 @@ fn cells_of(known: Option<&Arc<dyn SecondaryLight>>) -> Result<PackedLight, GpuE
     }
 }
 
-fn packed_photons(focused: &Arc<dyn FocusedLight>) -> Result<PackedPhotons, GpuError> {
-    focused.packed().ok_or_else(|| not_packed("what a camera sees of focused light"))
-}
-
-/// What of some light is on the card.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Has {
-    known: bool,
-    /// The cells that answer where nothing else does.
+/// What of some light is neither on the card nor packed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Lacking {
+    records: bool,
     cells: bool,
-    focused: bool,
+    photons: bool,
 }
 
 /// Light in cells.
@@ -248,48 +259,70 @@ impl KnownOnCard {
         })
     }
 
-    /// What of it is here.
-    pub(super) fn has(&self, light: LightBeside<'_>) -> Has {
+    /// What is to be packed before it can be brought.
+    pub(super) fn lacking(&self, light: LightBeside<'_>, packed: &PackedBeside) -> Lacking {
         let LightBeside { known, focused } = light;
-        // Of what has records it is the base; what has none is all cells itself.
-        let cells = known.map(|known| known.base().unwrap_or(known));
-        Has {
-            known: self.lights.iter().any(|light| light.known.is_of(known)),
-            cells: self.lights.iter().any(|light| light.cells.known.is_of(cells)),
-            focused: self.focused.iter().any(|own| own.light.is_of(focused)),
+        let is_new = known.is_some() && !self.lights.iter().any(|light| light.known.is_of(known));
+        let cells = known.and_then(cells_asked);
+        let has_cells = self.cells_of(cells).is_some() || packed.cells.is_some();
+        let has_photons = self.focused.iter().any(|own| own.light.is_of(focused)) || packed.photons.is_some();
+        Lacking {
+            records: is_new && packed.records.is_none(),
+            cells: is_new && !has_cells,
+            photons: focused.is_some() && !has_photons,
         }
     }
 
+    fn cells_of(&self, known: Option<&Arc<dyn SecondaryLight>>) -> Option<&Arc<Cells>> {
+        self.lights.iter().map(|light| &light.cells).find(|cells| cells.known.is_of(known))
+    }
+
     /// Brings light to the card as far as it is not there, and says what shades by it. Where there is no room, all other light goes
-    /// first.
+    /// first; what nobody has any more goes in any case.
     ///
-    /// - `packed`: what was not there before
+    /// - `packed`: what was [lacking](KnownOnCard::lacking)
     ///
-    /// Errors: [`GpuError::LightTooLarge`], and what the card does not do.
+    /// Errors: [`GpuError::LightTooLarge`], then no light is here, and what the card does not do.
     pub(super) fn bring(
         &mut self,
         session: &Session,
         light: LightBeside<'_>,
         packed: &PackedBeside,
     ) -> Result<Shading, GpuError> {
-        if self.bound.0.is_of(light.known) && self.bound.1.is_of(light.focused) {
-            return Ok(self.shading);
+        if !(self.bound.0.is_of(light.known) && self.bound.1.is_of(light.focused)) {
+            // What goes leaves the card before something else comes: the group holds what is in it.
+            self.unbind(session)?;
+            let cells = self.cells_of(light.known.and_then(cells_asked)).cloned();
+            match self.bind_all(session, light, packed, cells.as_ref()) {
+                Err(GpuError::OutOfMemory { .. }) => {
+                    self.lights.retain(|own| own.known.is_of(light.known));
+                    self.focused.retain(|own| own.light.is_of(light.focused));
+                    match self.bind_all(session, light, packed, cells.as_ref()) {
+                        Err(error @ GpuError::OutOfMemory { .. }) => {
+                            return Err(self.too_large(session, error)?);
+                        }
+                        done => done?,
+                    }
+                }
+                done => done?,
+            }
         }
-        // What goes leaves the card before something else comes: the group holds what is in it.
-        self.unbind(session)?;
         self.lights.retain(|light| !light.known.is_gone());
         self.focused.retain(|focused| !focused.light.is_gone());
-        match self.bind_all(session, light, packed) {
-            Err(GpuError::OutOfMemory { .. }) => {
-                self.lights.clear();
-                self.focused.clear();
-                self.bind_all(session, light, packed).map_err(|error| match error {
-                    GpuError::OutOfMemory { .. } => GpuError::LightTooLarge { source: Box::new(error) },
-                    _ => error,
-                })
-            }
-            done => done,
-        }
+        Ok(self.shading)
+    }
+
+    /// Lets go of all light.
+    pub(super) fn forget(&mut self, session: &Session) -> Result<(), GpuError> {
+        self.lights.clear();
+        self.focused.clear();
+        self.unbind(session)
+    }
+
+    /// Lets go of all light, and says that it has no room.
+    pub(super) fn too_large(&mut self, session: &Session, error: GpuError) -> Result<GpuError, GpuError> {
+        self.forget(session)?;
+        Ok(GpuError::LightTooLarge { source: Box::new(error) })
     }
 
     fn unbind(&mut self, session: &Session) -> Result<(), GpuError> {
@@ -303,9 +336,10 @@ impl KnownOnCard {
         session: &Session,
         light: LightBeside<'_>,
         packed: &PackedBeside,
-    ) -> Result<Shading, GpuError> {
+        cells: Option<&Arc<Cells>>,
+    ) -> Result<(), GpuError> {
         let LightBeside { known, focused } = light;
-        let light = known.map(|known| self.bring_known(session, known, packed)).transpose()?;
+        let light = known.map(|known| self.bring_known(session, known, packed, cells)).transpose()?;
         let photons = focused.map(|focused| self.bring_focused(session, focused, packed)).transpose()?;
         let light = light.and_then(|place| self.lights.get(place));
         let photons = photons.and_then(|place| self.focused.get(place));
@@ -321,41 +355,36 @@ impl KnownOnCard {
         )?;
         self.bound = (Name::of(known), Name::of(focused));
         self.shading = Shading { asked, is_focused: focused.is_some() };
-        Ok(self.shading)
+        Ok(())
     }
 
     /// Its place among the lights, the last.
+    ///
+    /// - `there`: cells of it that are on the card
     fn bring_known(
         &mut self,
         session: &Session,
         known: &Arc<dyn SecondaryLight>,
         packed: &PackedBeside,
+        there: Option<&Arc<Cells>>,
     ) -> Result<usize, GpuError> {
         if let Some(place) = self.lights.iter().position(|light| light.known.is_of(Some(known))) {
             let light = self.lights.remove(place);
             self.lights.push(light);
             return Ok(self.lights.len() - 1);
         }
-        // What others took off the card since it was packed is packed here.
-        let packed_now;
-        let records = match &packed.records {
-            Some(records) => records,
-            None => {
-                packed_now = known.packed_records();
-                &packed_now
-            }
-        };
-        let of_cells = if records.is_some() { known.base() } else { Some(known) };
-        let there = self.lights.iter().find(|light| light.cells.known.is_of(of_cells));
-        let there = there.map(|light| Arc::clone(&light.cells));
         if self.lights.len() >= LIGHTS_MAX {
             self.lights.remove(0);
         }
-        let cells = match (there, &packed.cells) {
-            (Some(cells), _) => cells,
-            (None, Some(packed)) => Arc::new(Cells::new(session, of_cells, packed)?),
-            (None, None) => Arc::new(Cells::new(session, of_cells, &cells_of(of_cells)?)?),
+        let unpacked = || not_packed(known.card().name);
+        let cells = match there {
+            Some(cells) => Arc::clone(cells),
+            None => {
+                let packed = packed.cells.as_ref().ok_or_else(unpacked)?;
+                Arc::new(Cells::new(session, cells_asked(known), packed)?)
+            }
         };
+        let records = packed.records.as_ref().ok_or_else(unpacked)?;
         let records = records.as_ref().map(|packed| records_of(session, packed)).transpose()?;
         self.lights.push(Light { known: Name::of(Some(known)), cells, records });
         Ok(self.lights.len() - 1)
@@ -376,10 +405,8 @@ impl KnownOnCard {
         if self.focused.len() >= FOCUSED_MAX {
             self.focused.remove(0);
         }
-        let photons = match &packed.photons {
-            Some(packed) => photons_of(session, packed)?,
-            None => photons_of(session, &packed_photons(focused)?)?,
-        };
+        let packed = packed.photons.as_ref().ok_or_else(|| not_packed("focused light"))?;
+        let photons = photons_of(session, packed)?;
         self.focused.push(Focused { light: Name::of(Some(focused)), photons });
         Ok(self.focused.len() - 1)
     }

@@ -1,12 +1,12 @@
 //! A scene on a graphics card, with places for paths: what is uploaded, and kept for pictures to share.
 
-use std::sync::{Arc, Mutex, atomic::AtomicU32};
+use std::sync::{Arc, Mutex, MutexGuard, atomic::AtomicU32};
 
 use lumicast_shaders::Constant;
 
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
-    known::{Has, KnownOnCard, LightBeside, PackedBeside, Shading},
+    known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
     tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
 };
 use crate::{
@@ -137,8 +137,18 @@ impl Ready {
         Ok(Ready { session, world, pixels: None, rays: None, known, shader_seconds: 0.0 })
     }
 
-    /// Has places for so many paths of a slice and the steps they go through.
-    fn prepare(&mut self, from: PathStart, capacity: u32, shading: Shading) -> Result<(), GpuError> {
+    /// Has places for so many paths of a slice. Where there is no room for them, all light goes first.
+    fn make_room(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
+        match self.add_places(from, capacity) {
+            Err(GpuError::OutOfMemory { .. }) => {
+                self.known.forget(&self.session)?;
+                self.add_places(from, capacity)
+            }
+            done => done,
+        }
+    }
+
+    fn add_places(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
         let paths = match from {
@@ -150,6 +160,19 @@ impl Ready {
             nothing => nothing.insert(Paths::new(session, world, from, capacity)?),
         };
         paths.make_room(session, capacity)?;
+        self.shader_seconds += session.shader_seconds() - compiled;
+        Ok(())
+    }
+
+    /// Has the steps that shade so; after [`Ready::make_room`].
+    fn prepare(&mut self, from: PathStart, shading: Shading) -> Result<(), GpuError> {
+        let (session, world) = (&self.session, &self.world);
+        let compiled = session.shader_seconds();
+        let paths = match from {
+            PathStart::Pixels => &mut self.pixels,
+            PathStart::Rays => &mut self.rays,
+        };
+        let Some(paths) = paths else { return Err(unprepared()) };
         let mut first_seconds = 0.0;
         if paths.be_able_to(session, world, &self.known, shading)? {
             first_seconds = Tracing { session, world, paths, known: &self.known, shading }.use_first()?;
@@ -164,10 +187,13 @@ impl Ready {
             PathStart::Pixels => &self.pixels,
             PathStart::Rays => &self.rays,
         };
-        let unprepared = || GpuError::Failed { what: "paths were not prepared".into() };
         let paths = paths.as_ref().ok_or_else(unprepared)?;
         Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading })
     }
+}
+
+fn unprepared() -> GpuError {
+    GpuError::Failed { what: "paths were not prepared".into() }
 }
 
 /// A scene on a card, with places for paths: pictures of it share both, one slice at a time.
@@ -235,13 +261,19 @@ impl GpuScene {
 
     /// The same for gathering light along rays.
     ///
+    /// - `asks`: the octree is asked for the light of what they meet
+    ///
     /// Errors: what the card does not do.
-    pub fn make_ready_to_gather(&self, shading: Shading) -> Result<(), GpuError> {
-        self.prepare(PathStart::Rays, shading)
+    pub fn make_ready_to_gather(&self, asks: bool) -> Result<(), GpuError> {
+        let asked = asks.then_some(Asked::Octree);
+        self.prepare(PathStart::Rays, Shading { asked, is_focused: false })
     }
 
     fn prepare(&self, from: PathStart, shading: Shading) -> Result<(), GpuError> {
-        self.with_ready(|ready| ready.prepare(from, SLICE_MIN, shading))
+        self.run(&mut *self.ready()?, |ready| {
+            ready.make_room(from, SLICE_MIN)?;
+            ready.prepare(from, shading)
+        })
     }
 
     /// Most paths of a slice.
@@ -272,37 +304,62 @@ impl GpuScene {
         work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
-        let has = locked(&self.ready).as_ref().map_or_else(Has::default, |ready| ready.known.has(light));
-        let packed = PackedBeside::of(light, has)?;
-        self.with_ready(|ready| {
+        let mut packed = PackedBeside::default();
+        let mut held = loop {
+            let held = self.ready()?;
+            let lacking =
+                held.as_ref().map_or_else(Lacking::default, |ready| ready.known.lacking(light, &packed));
+            if lacking == Lacking::default() {
+                break held;
+            }
+            drop(held);
+            packed.pack(light, lacking)?;
+        };
+        self.run(&mut held, |ready| {
+            ready.make_room(from, capacity)?;
             let shading = ready.known.bring(&ready.session, light, &packed)?;
-            ready.prepare(from, capacity, shading)?;
-            work(ready.tracing(from, shading)?)
+            let traced = ready.prepare(from, shading).and_then(|()| work(ready.tracing(from, shading)?));
+            match traced {
+                // With less light there is room for what paths bring.
+                Err(error @ GpuError::OutOfMemory { .. }) if light.is_any() => {
+                    Err(ready.known.too_large(&ready.session, error)?)
+                }
+                traced => traced,
+            }
         })
     }
 
-    /// Runs `work` with what is on a device that works.
-    fn with_ready<T>(&self, work: impl FnOnce(&mut Ready) -> Result<T, GpuError>) -> Result<T, GpuError> {
-        let is_usable =
-            |held: &Option<Ready>| held.as_ref().is_some_and(|ready| ready.session.check().is_ok());
-        // Not with the lock held: a thread that waits for others may begin what waits for the lock.
-        let is_there = is_usable(&locked(&self.ready));
-        let packed = (!is_there).then(|| PackedScene::of(&self.world));
-        let mut held = locked(&self.ready);
-        if !is_usable(&held) {
-            self.let_go(&mut held);
-        }
-        let ready = match &mut *held {
-            Some(ready) => ready,
-            nothing => {
-                let packed = packed.unwrap_or_else(|| PackedScene::of(&self.world));
-                nothing.insert(Ready::new(self.gpu.session()?, &packed)?)
+    /// What is on a device that works: never `None`.
+    fn ready(&self) -> Result<MutexGuard<'_, Option<Ready>>, GpuError> {
+        let mut packed: Option<PackedScene> = None;
+        loop {
+            let mut held = locked(&self.ready);
+            if held.as_ref().is_some_and(|ready| ready.session.check().is_err()) {
+                self.let_go(&mut held);
             }
-        };
-        let result = work(ready);
-        // What was half done is done anew; light that has no room changed nothing.
+            if held.is_none() {
+                let Some(packed) = &packed else {
+                    // Not with the lock held: a thread that waits for others may begin what waits for the lock.
+                    drop(held);
+                    packed = Some(PackedScene::of(&self.world));
+                    continue;
+                };
+                *held = Some(Ready::new(self.gpu.session()?, packed)?);
+            }
+            return Ok(held);
+        }
+    }
+
+    /// Runs `work` with it.
+    fn run<T>(
+        &self,
+        held: &mut Option<Ready>,
+        work: impl FnOnce(&mut Ready) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        let result = held.as_mut().ok_or_else(unprepared).and_then(work);
+        // What was half done is done anew; light that has no room is gone already.
         if !matches!(result, Ok(_) | Err(GpuError::LightTooLarge { .. })) {
-            self.let_go(&mut held);
+            self.let_go(held);
         }
         result
     }

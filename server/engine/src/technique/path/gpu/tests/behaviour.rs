@@ -181,35 +181,64 @@ fn light_too_large_for_a_card_leaves_the_scene_there() {
     assert!(matches!(failure, GpuError::LightTooLarge { .. }), "{failure}");
     assert_eq!(scene.bytes(), alone, "the scene is there, and nothing else");
     assert!(shot.on_card(&scene, 0).samples == drawn);
+    // Where all has room but photons no light stays either, and next time it fits without those.
+    let unfocused = Shot { focused: None, ..by_records.clone() };
+    let without = bytes_after(&unfocused, open_with(&options(u64::MAX)).unwrap());
+    assert!(together > without + room, "{without} {together}");
+    let gpu = Arc::new(open_with(&options(without + room)).unwrap());
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&by_records.world)));
+    let mut tracer = by_records.tracer(&scene);
+    step(&mut tracer, &by_records, &mut Film::new(shot.size), false);
+    let failure = tracer.failure().cloned();
+    assert!(matches!(failure, Some(GpuError::LightTooLarge { .. })), "{failure:?}");
+    assert!(scene.bytes() < without, "{} {without}", scene.bytes());
+    let by_cpu = unfocused.on_cpu(0).samples;
+    let by_card = unfocused.on_card(&scene, 0).samples;
+    assert!(by_cpu.len() == by_card.len() && scene.bytes() == without, "{} {without}", scene.bytes());
 }
 
-/// Of light that several pictures ask in turns each keeps what it asked: nothing is taken for another's, and what nobody has any more
-/// leaves the card.
+/// Of light that several pictures ask in turns each keeps what it asked: nothing is taken for another's, also where one takes the
+/// place in memory of another; what nobody has any more leaves the card, and what stays there is bounded.
 #[test]
 fn lights_take_turns_on_a_card() {
-    let Some(gpu) = shared() else { return };
-    let shots: Vec<Shot> = [ALL_STEPS, 12, 8, 15, 9, 10]
-        .map(|steps| with_records(samples::boxes().unwrap(), steps, true))
-        .into_iter()
-        .collect();
-    let alone: Vec<_> = shots
-        .iter()
-        .map(|shot| {
-            let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
-            shot.on_card(&scene, 0).samples
-        })
-        .collect();
-    assert!(alone.windows(2).all(|pair| pair[0] != pair[1]));
-    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shots[0].world)));
-    for index in [0, 1, 2, 3, 4, 5, 0, 5, 2, 2, 1] {
-        assert!(shots[index].on_card(&scene, 0).samples == alone[index], "{index}");
+    // A device of its own, whose bytes are this test's.
+    let Some(gpu) = open().map(Arc::new) else { return };
+    let boxes = |steps| with_records(samples::boxes().unwrap(), steps, true);
+    let alone = |shot: &Shot| {
+        let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+        let samples = shot.on_card(&scene, 0).samples;
+        scene.withdraw();
+        samples
+    };
+    let shots: Vec<Shot> = [ALL_STEPS, 12, 8, 15, 9].map(boxes).into_iter().collect();
+    let expected: Vec<_> = shots.iter().map(&alone).collect();
+    for (index, own) in expected.iter().enumerate() {
+        let other = expected[..index].iter().position(|other| other == own);
+        assert_eq!(other, None, "{index} could pass for it");
     }
-    let before = scene.bytes();
-    let last = shots.last().unwrap().clone();
-    drop(shots);
-    let unknown = Shot { known: None, settings: PathSettings::all(None, 4), ..last };
-    unknown.on_card(&scene, 0);
-    assert!(scene.bytes() < before, "{before} {}", scene.bytes());
+    let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shots[0].world)));
+    let mut most = 0;
+    for index in [0, 1, 2, 3, 4, 0, 4, 2, 2, 1, 0, 1, 2, 3, 4] {
+        assert!(shots[index].on_card(&scene, 0).samples == expected[index], "{index}");
+        most = most.max(scene.bytes());
+    }
+    let unknown = Shot { known: None, settings: PathSettings::all(None, 4), ..shots[0].clone() };
+    let drop_all = |shots| {
+        drop::<Vec<Shot>>(shots);
+        unknown.on_card(&scene, 0);
+        scene.bytes()
+    };
+    let none = drop_all(shots);
+    let one = {
+        let shot = boxes(ALL_STEPS);
+        shot.on_card(&scene, 0);
+        scene.bytes() - none
+    };
+    assert!(most - none < 9 * one / 2, "{none} without, {one} each, {most} at most");
+    for steps in [12, 8, 15, 9, 12, 8] {
+        let shot = boxes(steps);
+        assert!(shot.on_card(&scene, 0).samples == alone(&shot), "{steps}");
+    }
 }
 
 /// Photons of their own bring caustics to a picture on a card as well, with or without indirect light.
