@@ -29,6 +29,21 @@ static SHADE_ENTRY: Part = Part { name: "path/shade", source: include_str!("../p
 static TURN_ENTRY: Part = Part { name: "path/turn", source: include_str!("../path/turn.wgsl") };
 static OCCLUDED_ENTRY: Part = Part { name: "path/occluded", source: include_str!("../path/occluded.wgsl") };
 
+/// A step that shades: what paths bring, and what they ask for light.
+macro_rules! shading {
+    ($name:literal, $brings:ident, $($asked:ident),+) => {
+        Step {
+            name: $name,
+            entry_point: "shade",
+            parts: &[
+                &NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &$brings, &FOCUSED, &KNOWN, $(&$asked,)+
+                &SHADE_ENTRY,
+            ],
+            workgroup_size: [64, 1, 1],
+        }
+    };
+}
+
 /// Begins a path for every pixel of a slice.
 pub static PATH_BEGIN: Step = Step {
     name: "path/begin",
@@ -46,69 +61,13 @@ pub static PATH_CLOSEST: Step = Step {
 };
 
 /// What paths find where they have arrived, and how they go on.
-pub static PATH_SHADE: Step = Step {
-    name: "path/shade",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &PIXEL,
-        &FOCUSED,
-        &KNOWN,
-        &ALONE,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
+pub static PATH_SHADE: Step = shading!("path/shade", PIXEL, ALONE);
 
 /// The same, asking the light octree at the first diffuse surface.
-pub static PATH_SHADE_BY_OCTREE: Step = Step {
-    name: "path/shade_by_octree",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &PIXEL,
-        &FOCUSED,
-        &KNOWN,
-        &OCTREE,
-        &BY_OCTREE,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
+pub static PATH_SHADE_BY_OCTREE: Step = shading!("path/shade_by_octree", PIXEL, OCTREE, BY_OCTREE);
 
 /// The same, asking records of irradiance, and the octree where none counts.
-pub static PATH_SHADE_BY_RECORDS: Step = Step {
-    name: "path/shade_by_records",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &PIXEL,
-        &FOCUSED,
-        &KNOWN,
-        &OCTREE,
-        &BY_RECORDS,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
+pub static PATH_SHADE_BY_RECORDS: Step = shading!("path/shade_by_records", PIXEL, OCTREE, BY_RECORDS);
 
 /// Swaps the queues of paths and says how much there is to do.
 pub static PATH_TURN: Step = Step {
@@ -135,47 +94,10 @@ pub static GATHER_BEGIN: Step = Step {
 };
 
 /// [`PATH_SHADE`] for these.
-pub static GATHER_SHADE: Step = Step {
-    name: "gather/shade",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &RAY,
-        &FOCUSED,
-        &KNOWN,
-        &ALONE,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
+pub static GATHER_SHADE: Step = shading!("gather/shade", RAY, ALONE);
 
 /// [`PATH_SHADE_BY_OCTREE`] for these.
-pub static GATHER_SHADE_BY_OCTREE: Step = Step {
-    name: "gather/shade_by_octree",
-    entry_point: "shade",
-    parts: &[
-        &NUMBERS,
-        &SCENE,
-        &BSDF,
-        &SURFACE,
-        &LIGHTS,
-        &TREE,
-        &STATE,
-        &RAY,
-        &FOCUSED,
-        &KNOWN,
-        &OCTREE,
-        &BY_OCTREE,
-        &SHADE_ENTRY,
-    ],
-    workgroup_size: [64, 1, 1],
-};
+pub static GATHER_SHADE_BY_OCTREE: Step = shading!("gather/shade_by_octree", RAY, OCTREE, BY_OCTREE);
 
 /// [`PATH_OCCLUDED`] for these.
 pub static GATHER_OCCLUDED: Step = Step {

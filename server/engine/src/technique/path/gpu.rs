@@ -127,7 +127,7 @@ struct Begun {
     samples: Vec<GpuPixelSample>,
 }
 
-/// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] that is [packed](SecondaryLight::packed) for it.
+/// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] and a [`FocusedLight`] that are packed for it.
 ///
 /// After an error it draws nothing more and says why: [`GpuPathTracer::failure`]. The film is then as valid as before, and the
 /// CPU goes on with the same samples.

@@ -82,7 +82,7 @@ pub(super) fn is_same<T: ?Sized>(a: Option<&Arc<T>>, b: Option<&Arc<T>>) -> bool
     }
 }
 
-/// Names light without keeping it: memory is whoever's made it.
+/// Names light without keeping it: its memory is that of whoever made it.
 #[derive(Clone, Debug)]
 struct Name<T: ?Sized>(Option<Weak<T>>);
 
@@ -111,8 +111,7 @@ fn not_packed(what: &str) -> GpuError {
 /// Light that is to be brought to the card, in words.
 #[derive(Debug, Default)]
 pub(super) struct PackedBeside {
-    /// `Some(None)`: it has no records.
-    records: Option<Option<PackedRecords>>,
+    records: Option<PackedRecords>,
     cells: Option<PackedLight>,
     photons: Option<PackedPhotons>,
 }
@@ -123,7 +122,7 @@ impl PackedBeside {
     pub(super) fn pack(&mut self, light: LightBeside<'_>, lacking: Lacking) -> Result<(), GpuError> {
         if let Some(known) = light.known {
             if lacking.records {
-                self.records = Some(known.packed_records());
+                self.records = known.packed_records();
             }
             if lacking.cells {
                 self.cells = Some(cells_of(cells_asked(known))?);
@@ -262,13 +261,13 @@ impl KnownOnCard {
     /// What is to be packed before it can be brought.
     pub(super) fn lacking(&self, light: LightBeside<'_>, packed: &PackedBeside) -> Lacking {
         let LightBeside { known, focused } = light;
-        let is_new = known.is_some() && !self.lights.iter().any(|light| light.known.is_of(known));
+        let new = known.filter(|known| !self.lights.iter().any(|light| light.known.is_of(Some(known))));
         let cells = known.and_then(cells_asked);
         let has_cells = self.cells_of(cells).is_some() || packed.cells.is_some();
         let has_photons = self.focused.iter().any(|own| own.light.is_of(focused)) || packed.photons.is_some();
         Lacking {
-            records: is_new && packed.records.is_none(),
-            cells: is_new && !has_cells,
+            records: new.is_some_and(|known| known.has_records()) && packed.records.is_none(),
+            cells: new.is_some() && !has_cells,
             photons: focused.is_some() && !has_photons,
         }
     }
@@ -384,8 +383,11 @@ impl KnownOnCard {
                 Arc::new(Cells::new(session, cells_asked(known), packed)?)
             }
         };
-        let records = packed.records.as_ref().ok_or_else(unpacked)?;
-        let records = records.as_ref().map(|packed| records_of(session, packed)).transpose()?;
+        let packed = packed.records.as_ref().filter(|_| known.has_records());
+        if known.has_records() && packed.is_none() {
+            return Err(unpacked());
+        }
+        let records = packed.map(|packed| records_of(session, packed)).transpose()?;
         self.lights.push(Light { known: Name::of(Some(known)), cells, records });
         Ok(self.lights.len() - 1)
     }

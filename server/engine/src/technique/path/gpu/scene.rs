@@ -306,7 +306,9 @@ impl GpuScene {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
         let mut packed = PackedBeside::default();
         let mut held = loop {
-            let held = self.ready()?;
+            let mut held = self.ready()?;
+            // First, since light may have to go for it.
+            self.run(&mut held, |ready| ready.make_room(from, capacity))?;
             let lacking =
                 held.as_ref().map_or_else(Lacking::default, |ready| ready.known.lacking(light, &packed));
             if lacking == Lacking::default() {
@@ -316,7 +318,6 @@ impl GpuScene {
             packed.pack(light, lacking)?;
         };
         self.run(&mut held, |ready| {
-            ready.make_room(from, capacity)?;
             let shading = ready.known.bring(&ready.session, light, &packed)?;
             let traced = ready.prepare(from, shading).and_then(|()| work(ready.tracing(from, shading)?));
             match traced {

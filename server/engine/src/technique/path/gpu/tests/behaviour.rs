@@ -197,6 +197,30 @@ fn light_too_large_for_a_card_leaves_the_scene_there() {
     assert!(by_cpu.len() == by_card.len() && scene.bytes() == without, "{} {without}", scene.bytes());
 }
 
+/// Where a larger picture needs places that have no room beside light on the card, the light goes for them and comes back.
+#[test]
+fn light_makes_room_for_places() {
+    let options = |bytes_max| GpuOptions { adapter: AdapterChoice::Any, bytes_max, ..GpuOptions::default() };
+    let small = with_records(samples::boxes().unwrap(), ALL_STEPS, true);
+    let large = Shot { size: size(200, 150), ..small.clone() };
+    let Some(gpu) = open_with(&options(u64::MAX)).map(Arc::new) else { return };
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&small.world)));
+    let unknown = Shot { known: None, settings: PathSettings::all(None, 4), ..large.clone() };
+    unknown.on_card(&scene, 0);
+    let with_places = scene.bytes();
+    let expected = large.on_card(&scene, 0).samples;
+    let light = scene.bytes() - with_places;
+    // Places of the small picture are there until those of the large one are.
+    let small_places =
+        small.size.pixel_count() as u64 * (PATH_BYTES + HIT_BYTES + 2 * SHADOW_BYTES + SAMPLE_BYTES + 4 * 4);
+    let slack = 50_000;
+    assert!(light > 2 * slack, "{light} bytes of light have room");
+    let gpu = Arc::new(open_with(&options(with_places + small_places + slack)).unwrap());
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&small.world)));
+    small.on_card(&scene, 0);
+    assert!(large.on_card(&scene, 0).samples == expected);
+}
+
 /// Of light that several pictures ask in turns each keeps what it asked: nothing is taken for another's, also where one takes the
 /// place in memory of another; what nobody has any more leaves the card, and what stays there is bounded.
 #[test]
