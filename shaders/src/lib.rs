@@ -6,6 +6,7 @@
 
 mod accel;
 mod path;
+mod planes;
 
 #[cfg(test)]
 mod tests;
@@ -15,6 +16,7 @@ pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
     PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN,
 };
+pub use planes::PLANES;
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
 pub static STEPS: &[&Step] = &[
@@ -32,6 +34,9 @@ pub static STEPS: &[&Step] = &[
     &GATHER_SHADE_BY_OCTREE,
     &GATHER_OCCLUDED,
 ];
+
+/// Everything that is drawn by rasterisation; a test parses and validates each.
+pub static RASTERS: &[&Raster] = &[&PLANES];
 
 /// Constants with which the steps are proved: every name that a part expects to be prepended.
 pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
@@ -94,16 +99,40 @@ impl Step {
     ///
     /// - `constants`: `[n]`, names and values, each name once
     pub fn source(&self, constants: &[(&str, Constant)]) -> String {
-        let mut source = String::new();
-        for (name, value) in constants {
-            source.push_str(&value.declaration(name));
-        }
-        for part in self.parts {
-            source.push_str(part.source);
-            source.push('\n');
-        }
-        source
+        source_of(self.parts, constants)
     }
+}
+
+/// A vertex and a fragment shader: what one draw runs.
+#[derive(Debug)]
+pub struct Raster {
+    /// Room and what is drawn, such as `accel/planes`; no two share one, nor one with a [`Step`].
+    pub name: &'static str,
+    /// The function that runs for every vertex.
+    pub vertex: &'static str,
+    /// The function that runs for every pixel of a triangle.
+    pub fragment: &'static str,
+    /// What its source is made of, in this order.
+    pub parts: &'static [&'static Part],
+}
+
+impl Raster {
+    /// As [`Step::source`].
+    pub fn source(&self, constants: &[(&str, Constant)]) -> String {
+        source_of(self.parts, constants)
+    }
+}
+
+fn source_of(parts: &[&Part], constants: &[(&str, Constant)]) -> String {
+    let mut source = String::new();
+    for (name, value) in constants {
+        source.push_str(&value.declaration(name));
+    }
+    for part in parts {
+        source.push_str(part.source);
+        source.push('\n');
+    }
+    source
 }
 
 /// A number that is prepended to a step's source.

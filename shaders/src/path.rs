@@ -5,8 +5,9 @@ use crate::{
     accel::{TREE, UNMASKED},
 };
 
-static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
-static SCENE: Part = Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
+pub(crate) static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
+pub(crate) static SCENE: Part =
+    Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
 static BSDF: Part = Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
 static SURFACE: Part = Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
 static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };

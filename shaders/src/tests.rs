@@ -4,33 +4,48 @@ use std::collections::BTreeSet;
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-use crate::{Constant, PROOF_CONSTANTS, STEPS, Step};
+use crate::{Constant, PROOF_CONSTANTS, RASTERS, STEPS};
 
-fn module_of(step: &Step) -> naga::Module {
-    let source = step.source(PROOF_CONSTANTS);
-    naga::front::wgsl::parse_str(&source)
-        .unwrap_or_else(|error| panic!("{}: {}", step.name, error.emit_to_string(&source)))
+/// The module that a source makes on every device: parsed, and validated without optional capabilities.
+fn module_of(name: &str, source: &str) -> naga::Module {
+    let module = naga::front::wgsl::parse_str(source)
+        .unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
+    let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+    if let Err(error) = validator.validate(&module) {
+        panic!("{name}: {}", error.emit_to_string(source));
+    }
+    module
+}
+
+fn entry_points_of(module: &naga::Module) -> Vec<&str> {
+    module.entry_points.iter().map(|entry| entry.name.as_str()).collect()
 }
 
 /// Parses, validates without optional capabilities, and runs in workgroups of the size that Rust believes.
 #[test]
 fn every_step_is_valid_on_every_device() {
     for step in STEPS {
-        let module = module_of(step);
-        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-        if let Err(error) = validator.validate(&module) {
-            panic!("{}: {}", step.name, error.emit_to_string(&step.source(PROOF_CONSTANTS)));
-        }
-        let entry_points: Vec<_> = module.entry_points.iter().map(|entry| entry.name.as_str()).collect();
-        assert_eq!(entry_points, [step.entry_point], "{} has one entry point", step.name);
+        let module = module_of(step.name, &step.source(PROOF_CONSTANTS));
+        assert_eq!(entry_points_of(&module), [step.entry_point], "{} has one entry point", step.name);
         assert_eq!(module.entry_points[0].workgroup_size, step.workgroup_size, "{}", step.name);
+    }
+}
+
+/// The same for what is drawn, by one vertex and one fragment shader.
+#[test]
+fn everything_drawn_is_valid_on_every_device() {
+    for raster in RASTERS {
+        let module = module_of(raster.name, &raster.source(PROOF_CONSTANTS));
+        assert_eq!(entry_points_of(&module), [raster.vertex, raster.fragment], "{}", raster.name);
+        let stages: Vec<_> = module.entry_points.iter().map(|entry| entry.stage).collect();
+        assert_eq!(stages, [naga::ShaderStage::Vertex, naga::ShaderStage::Fragment], "{}", raster.name);
     }
 }
 
 #[test]
 fn names_are_used_once() {
-    let names: BTreeSet<_> = STEPS.iter().map(|step| step.name).collect();
-    assert_eq!(names.len(), STEPS.len());
+    let names = || STEPS.iter().map(|step| step.name).chain(RASTERS.iter().map(|raster| raster.name));
+    assert_eq!(names().collect::<BTreeSet<_>>().len(), names().count());
     let constants: BTreeSet<_> = PROOF_CONSTANTS.iter().map(|(name, _)| name).collect();
     assert_eq!(constants.len(), PROOF_CONSTANTS.len());
 }

@@ -116,7 +116,7 @@ mod tests {
     #[test]
     fn arguments_are_read_as_documented() {
         let parse = |words: &[&str]| Arguments::try_parse_from([&["lumicast", "report"], words].concat());
-        for paper in ["octree", "larsen-maps", "irradiance", "caustics"] {
+        for paper in ["octree", "larsen-maps", "irradiance", "hemisphere", "caustics"] {
             assert!(parse(&["--paper", paper, "--out", "x", "a.glb", "builtin:boxes"]).is_ok());
             assert!(parse(&["--paper", paper, "--out", "x", "--scenes", "y", "--references", "z"]).is_ok());
         }

@@ -35,7 +35,7 @@ struct Picture {
     is_of_scene: bool,
 }
 
-const PICTURES: [Picture; 21] = [
+const PICTURES: [Picture; 22] = [
     picture(
         super::cost::CURVES,
         "Error over time",
@@ -142,6 +142,16 @@ const PICTURES: [Picture; 21] = [
         None,
     )
     .by("scene")
+    .logarithmic(),
+    picture(
+        "table-8.1-hemisphere",
+        "Error by pixels of the plane",
+        ("pixels_across", "pixels across"),
+        ("rms_error_percent", "RMS error, %"),
+        Some("paper_rms_error_percent"),
+    )
+    .by(super::hemisphere::SAMPLING.key)
+    .by_scene()
     .logarithmic(),
     picture("caustic-frames", "Photons and map", ("photons", "photons"), ("prepare_ms", "ms"), None)
         .by("scene")

@@ -3,7 +3,7 @@
 //! A report is a list of tables (`table.rs`). A notebook (`notebook.rs`) fills them row by row and keeps every row on disk at once, so
 //! that a run that was stopped goes on where it was. `octree.rs` measures figures 13, 14 and 17 of Vivanloc 2007 (light octree),
 //! `maps.rs` and `crease.rs` tables 8.1, 8.2 and 14.1 of Larsen 2004, `irradiance.rs` table 8.2 and figure 8.11 of Gautron
-//! 2008, `caustics.rs` what caustics cost beside path tracing; `drawing.rs` draws pictures by the clock, `subject.rs` finds scenes and references,
+//! 2008, `hemisphere.rs` its table 8.1, `caustics.rs` what caustics cost beside path tracing; `drawing.rs` draws pictures by the clock, `subject.rs` finds scenes and references,
 //! `cost/` measures what accuracy costs with each technique, `peers.rs` reads what other renderers drew, `pictures.rs` shows where
 //! the error sits. `light.rs` builds photons and octrees by the clock, `accuracy.rs` compares with a reference. `html.rs`, `plot.rs` and
 //! `csv.rs` write. Imports the engine and the command line's way to name scenes.
@@ -14,6 +14,7 @@ mod cost;
 mod crease;
 mod csv;
 mod drawing;
+mod hemisphere;
 mod html;
 mod irradiance;
 mod light;
@@ -53,6 +54,8 @@ pub enum Paper {
     LarsenMaps,
     /// Gautron et al. 2008, irradiance cache: table 8.2, figure 8.11
     Irradiance,
+    /// Gautron et al. 2008, hemispheres sampled on planes: table 8.1
+    Hemisphere,
     /// Larsen 2004, chapter 12: what a frame of caustics costs, and error over time
     Caustics,
 }
@@ -64,6 +67,7 @@ impl Paper {
             Paper::Octree => "The light octree beside its paper",
             Paper::LarsenMaps => "Many photon maps beside their paper",
             Paper::Irradiance => "The irradiance cache beside its paper",
+            Paper::Hemisphere => "Hemispheres on planes beside their paper",
             Paper::Caustics => "Caustics by photons beside the path tracer",
         }
     }
@@ -85,6 +89,10 @@ impl Paper {
                 "P. Gautron, J. Křivánek, K. Bouatouch, S. Pattanaik: Hardware implementation, chapter 8 of Practical Global \
                  Illumination with Irradiance Caching, SIGGRAPH course 2008. Its times are of a Quadro FX 3400 and, for \
                  Radiance, of a Pentium 4 of 3.6 GHz; it gives no error against a reference."
+            }
+            Paper::Hemisphere => {
+                "P. Gautron, J. Křivánek, K. Bouatouch, S. Pattanaik: Hardware implementation, chapter 8 of Practical Global \
+                 Illumination with Irradiance Caching, SIGGRAPH course 2008. Its table 8.1 gives errors alone, no times."
             }
             Paper::Caustics => {
                 "B. D. Larsen: Real-time Global Illumination by Simulating Photon Mapping, thesis, DTU 2004, chapter 12. It \
@@ -167,6 +175,9 @@ struct Effort {
     cache_passes: u32,
     /// Looks at a picture while its records are made, each after twice the time of the one before.
     fill_steps: u32,
+    /// Irradiances by planes, and rays of either half of what they are compared with.
+    hemispheres: u32,
+    hemisphere_rays: u32,
 }
 
 impl Effort {
@@ -181,6 +192,8 @@ impl Effort {
         one_bounce_passes: 32,
         cache_passes: 4,
         fill_steps: 7,
+        hemispheres: 10_000,
+        hemisphere_rays: 1024,
     };
 
     /// The share of a number of photons.
@@ -276,6 +289,7 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
         Some(Paper::Octree) => &octree::SCENES,
         Some(Paper::LarsenMaps) => &crease::SCENES,
         Some(Paper::Irradiance) => &irradiance::SCENES,
+        Some(Paper::Hemisphere) => &hemisphere::SCENES,
         Some(Paper::Caustics) => &caustics::SCENES,
         None => &[],
     };
@@ -309,6 +323,7 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
             maps::measure_small(&mut notebook, effort)?;
         }
         Question::Paper(Paper::Irradiance) => irradiance::measure(&mut notebook, &subjects, effort)?,
+        Question::Paper(Paper::Hemisphere) => hemisphere::measure(&mut notebook, &subjects, effort)?,
         Question::Paper(Paper::Caustics) => caustics::measure(&mut notebook, &subjects, effort)?,
     }
     notebook.finish()

@@ -19,6 +19,8 @@ const LITTLE: Effort = Effort {
     one_bounce_passes: 4,
     cache_passes: 2,
     fill_steps: 1,
+    hemispheres: 64,
+    hemisphere_rays: 32,
 };
 
 fn job(paper: Paper, out: &Path) -> ReportJob {
@@ -126,6 +128,31 @@ fn an_irradiance_report_is_whole() {
     // Four samples of a small box in means of 4 × 4 pixels are off by a few percent, records by less; a picture without
     // its indirect light by 60.
     errors.for_each(|error| assert!(error.value().is_some_and(|error| error < 25.0), "{error:?}"));
+}
+
+/// Errors of all variants by all sizes, in the order that the paper has them; along rays and, where there is a card, drawn there.
+#[test]
+fn a_report_of_hemispheres_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = measure_with(&job(Paper::Hemisphere, folder.path()), LITTLE).unwrap();
+    check_files(&report, folder.path());
+    let [errors, costs] = &report.tables[..] else { panic!("{} tables", report.tables.len()) };
+    assert!(errors.rows.len() == 16 && (1..=2).contains(&costs.rows.len()));
+    let error = |key: &str| {
+        let row = errors.rows.iter().find(|row| row.key == format!("boxes 32 {key}")).unwrap();
+        errors.cell(row, "rms_error_percent").value().unwrap()
+    };
+    let [alone, divided, stretched, rays] =
+        ["plane alone", "divided by coverage", "borders stretched", "as many rays"].map(error);
+    // Planes miss a sixth of an even hemisphere's light; what they are compared with has a few percent of noise.
+    assert!(alone > 10.0 && alone < 40.0, "{alone}");
+    assert!(stretched < 0.7 * alone && divided < alone, "{alone} {divided} {stretched}");
+    assert!(rays < alone, "{rays}");
+    for row in &costs.rows {
+        let of = |key: &str| costs.cell(row, key).value();
+        assert!(of("seeing_us").unwrap() > 0.0 && of("light_us").unwrap() > 0.0);
+        assert!(of("alike_percent").is_none_or(|alike| alike > 99.0), "{:?}", of("alike_percent"));
+    }
 }
 
 /// Frames and curves; a scene without mirrors and glass is refused by name.

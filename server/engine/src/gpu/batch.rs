@@ -148,9 +148,8 @@ impl Batch {
     ) -> Result<(), GpuError> {
         self.session.own(from.generation())?;
         self.session.own(to.generation())?;
-        self.pass = None;
         let byte_count = bytes.end.saturating_sub(bytes.start);
-        self.encoder.copy_buffer_to_buffer(&from.buffer, bytes.start, &to.buffer, offset, byte_count);
+        self.encoder().copy_buffer_to_buffer(&from.buffer, bytes.start, &to.buffer, offset, byte_count);
         Ok(())
     }
 
@@ -159,8 +158,7 @@ impl Batch {
     /// Errors: as [`Batch::dispatch`].
     pub fn clear(&mut self, buffer: &Buffer) -> Result<(), GpuError> {
         self.session.own(buffer.generation())?;
-        self.pass = None;
-        self.encoder.clear_buffer(&buffer.buffer, 0, None);
+        self.encoder().clear_buffer(&buffer.buffer, 0, None);
         Ok(())
     }
 
@@ -179,17 +177,38 @@ impl Batch {
 
     fn stage(&mut self, buffer: &wgpu::Buffer, name: &str, bytes: Range<u64>) -> Result<ReadBack, GpuError> {
         let byte_count = bytes.end - bytes.start;
+        self.stage_by(name, byte_count, |encoder, staged| {
+            if byte_count > 0 {
+                encoder.copy_buffer_to_buffer(buffer, bytes.start, staged, 0, byte_count);
+            }
+        })
+    }
+
+    /// - `copy`: to the beginning of the buffer that can be read
+    pub(super) fn stage_by(
+        &mut self,
+        name: &str,
+        byte_count: u64,
+        copy: impl FnOnce(&mut wgpu::CommandEncoder, &wgpu::Buffer),
+    ) -> Result<ReadBack, GpuError> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let staged = self.session.allocate(&format!("{name}, read back"), byte_count, usage)?;
-        self.pass = None;
-        if byte_count > 0 {
-            self.encoder.copy_buffer_to_buffer(buffer, bytes.start, &staged.buffer, 0, byte_count);
-        }
+        copy(self.encoder(), &staged.buffer);
         Ok(ReadBack::new(Staging {
             session: Arc::clone(&self.session),
             buffer: staged,
             submitted: Arc::clone(&self.submitted),
         }))
+    }
+
+    /// What commands that are no dispatches are recorded with.
+    pub(super) fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
+        self.pass = None;
+        &mut self.encoder
+    }
+
+    pub(super) fn session(&self) -> &Arc<Session> {
+        &self.session
     }
 
     /// Hands the work over and returns at once.

@@ -29,7 +29,7 @@ impl Budget {
     }
 
     /// Takes bytes; the error is what is left.
-    fn take(self: &Arc<Budget>, byte_count: u64) -> Result<Held, u64> {
+    pub(super) fn take(self: &Arc<Budget>, byte_count: u64) -> Result<Held, u64> {
         let taken = self.held.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |held| {
             held.checked_add(byte_count).filter(|held| *held <= self.bytes_max)
         });
@@ -42,7 +42,7 @@ impl Budget {
 
 /// Bytes of a budget, given back on drop.
 #[derive(Debug)]
-struct Held {
+pub(super) struct Held {
     budget: Arc<Budget>,
     byte_count: u64,
 }
@@ -90,6 +90,18 @@ pub enum Binding {
     /// `var<uniform>`
     Uniform,
 }
+
+/// Which shaders see a group.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Stages {
+    /// Steps.
+    Compute,
+    /// What is drawn.
+    Raster,
+}
+
+/// What tells layouts apart: who sees them, and their bindings.
+pub(super) type LayoutKey = (Stages, Vec<Binding>);
 
 /// The bindings of a group, 0, 1, 2 …
 #[derive(Debug)]
@@ -200,19 +212,25 @@ impl Session {
     ///
     /// Errors: [`GpuError::Failed`], [`GpuError::Lost`].
     pub fn layout(&self, bindings: &[Binding]) -> Result<Arc<Layout>, GpuError> {
+        self.layout_for(Stages::Compute, bindings)
+    }
+
+    pub(super) fn layout_for(&self, stages: Stages, bindings: &[Binding]) -> Result<Arc<Layout>, GpuError> {
         self.check()?;
+        let key = (stages, bindings.to_vec());
         let mut layouts = locked(&self.layouts);
-        if let Some(layout) = layouts.get(bindings) {
+        if let Some(layout) = layouts.get(&key) {
             return Ok(Arc::clone(layout));
         }
-        let entries: Vec<_> = (0..).zip(bindings).map(|(index, binding)| entry_of(index, *binding)).collect();
+        let entries: Vec<_> =
+            (0..).zip(bindings).map(|(index, binding)| entry_of(stages, index, *binding)).collect();
         let descriptor = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
         let layout = self.checked(
             || self.device.create_bind_group_layout(&descriptor),
             |error| GpuError::Failed { what: format!("layout of {bindings:?}: {error}") },
         )?;
         let layout = Arc::new(Layout { layout, bindings: bindings.to_vec(), generation: self.generation() });
-        layouts.insert(bindings.to_vec(), Arc::clone(&layout));
+        layouts.insert(key, Arc::clone(&layout));
         Ok(layout)
     }
 
@@ -248,7 +266,7 @@ impl Session {
     }
 }
 
-fn entry_of(binding: u32, kind: Binding) -> wgpu::BindGroupLayoutEntry {
+fn entry_of(stages: Stages, binding: u32, kind: Binding) -> wgpu::BindGroupLayoutEntry {
     let ty = match kind {
         Binding::Read => wgpu::BufferBindingType::Storage { read_only: true },
         Binding::Write => wgpu::BufferBindingType::Storage { read_only: false },
@@ -256,7 +274,10 @@ fn entry_of(binding: u32, kind: Binding) -> wgpu::BindGroupLayoutEntry {
     };
     wgpu::BindGroupLayoutEntry {
         binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
+        visibility: match stages {
+            Stages::Compute => wgpu::ShaderStages::COMPUTE,
+            Stages::Raster => wgpu::ShaderStages::VERTEX_FRAGMENT,
+        },
         // Sizes are checked at each dispatch: they are the shader's to say.
         ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
         count: None,

@@ -12,6 +12,7 @@ mod batch;
 mod buffer;
 mod error;
 mod pipeline;
+mod raster;
 mod read_back;
 mod session;
 #[cfg(test)]
@@ -22,8 +23,9 @@ pub use adapter::{AdapterChoice, AdapterKind, AdapterReason, AdapterReport};
 pub use batch::{Batch, Submission};
 pub use buffer::{BindGroup, Binding, Buffer, Layout};
 pub use error::GpuError;
-pub use lumicast_shaders::{Constant, Part, Step};
+pub use lumicast_shaders::{Constant, Part, Raster, Step};
 pub use pipeline::Pipeline;
+pub use raster::{Draw, RasterPipeline, Target};
 pub use read_back::ReadBack;
 pub(crate) use session::locked;
 pub use session::{Gpu, GpuOptions, Session};

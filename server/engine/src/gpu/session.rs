@@ -13,7 +13,7 @@ use std::{
 use super::{
     AdapterChoice, AdapterReport, GpuError,
     adapter::{self, Chosen},
-    buffer::{Binding, Budget, Layout},
+    buffer::{Budget, Layout, LayoutKey},
     pipeline::{Pipeline, PipelineKey},
 };
 
@@ -101,7 +101,7 @@ pub struct Session {
     pub(super) queue: wgpu::Queue,
     pub(super) limits: wgpu::Limits,
     pub(super) budget: Arc<Budget>,
-    pub(super) layouts: Mutex<HashMap<Vec<Binding>, Arc<Layout>>>,
+    pub(super) layouts: Mutex<HashMap<LayoutKey, Arc<Layout>>>,
     pub(super) pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     pub(super) shader_nanoseconds: AtomicU64,
     /// Nanoseconds a tick of the device's clock; `None` where it has no clock.

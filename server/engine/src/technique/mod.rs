@@ -17,7 +17,7 @@ use std::{
     sync::atomic::AtomicBool,
 };
 
-pub use path::View;
+pub use path::{Lookout, View};
 pub use products::*;
 
 use crate::{

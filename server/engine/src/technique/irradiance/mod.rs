@@ -9,6 +9,7 @@
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
 mod caching;
+mod hemi_plane;
 mod hemisphere;
 mod horizon;
 mod index;
@@ -29,6 +30,7 @@ use glam::Vec3;
 
 pub use self::{
     caching::IrradianceCaching,
+    hemi_plane::{HemiPlane, PastPlane},
     record::{Facing, Gradient, Record, Weighing},
 };
 

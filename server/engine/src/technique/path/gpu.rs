@@ -14,6 +14,7 @@
 
 mod gather;
 mod known;
+mod lookouts;
 mod scene;
 mod step_clock;
 #[cfg(test)]

@@ -37,7 +37,7 @@ pub use gauge::{Gauge, SampleCost};
 pub use gpu::{
     ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, Shading, StepSeconds, rays_over_a_picture,
 };
-pub use view::View;
+pub use view::{Lookout, View};
 
 use super::{
     ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Progress, ScatteredLight, ScreenLight,

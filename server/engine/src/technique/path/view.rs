@@ -6,7 +6,7 @@ mod tests;
 use glam::{DVec3, Vec3};
 
 use crate::{
-    accel::Ray,
+    accel::{Ray, SurfacePoint, TriangleId},
     film::PictureSize,
     scene::{CameraView, Projection},
     transport::World,
@@ -155,5 +155,41 @@ impl View {
     /// Size of the picture.
     pub fn size(&self) -> PictureSize {
         self.size
+    }
+}
+
+/// A view from a place, which may lie on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lookout {
+    /// What is seen from there.
+    pub view: View,
+    /// The triangle that it lies on, which it does not see; [`TriangleId::NONE`] for others.
+    pub left: TriangleId,
+}
+
+impl Lookout {
+    /// What lies before a point of a surface, on the plane at distance 1 that reaches `half_side` to all sides.
+    ///
+    /// - `n`: unit, the way to look; whatever turns the plane around it serves
+    pub fn before(point: &SurfacePoint, n: Vec3, half_side: f32, size: PictureSize) -> Lookout {
+        let (right, up) = n.any_orthonormal_pair();
+        let Ray { origin, left, .. } = point.ray_towards(n);
+        // Right-handed: right × up looks back.
+        let right = if right.cross(up).dot(n) > 0.0 { -right } else { right };
+        let half_size = [half_side * size.aspect() as f32, half_side];
+        let view = View { origin, right, up, back: -n, half_size, is_perspective: true, size };
+        Lookout { view, left }
+    }
+
+    /// [`View::ray`] from there.
+    pub fn ray(&self, x: f32, y: f32) -> Ray {
+        Ray { left: self.left, ..self.view.ray(x, y) }
+    }
+
+    /// The rays through the middles of all pixels, row by row.
+    pub fn rays(&self) -> impl Iterator<Item = Ray> {
+        let size = self.view.size();
+        let pixels = (0..size.height()).flat_map(move |y| (0..size.width()).map(move |x| (x, y)));
+        pixels.map(|(x, y)| self.ray(x as f32 + 0.5, y as f32 + 0.5))
     }
 }

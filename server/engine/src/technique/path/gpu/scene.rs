@@ -7,11 +7,13 @@ use lumicast_shaders::Constant;
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
+    lookouts::Lookouts,
     tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
 };
 use crate::{
     accel::{AccelBuffers, GAMMA_5, GAMMA_19},
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
+    scene::Id,
     technique::{
         LIKE_COS,
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
@@ -25,12 +27,11 @@ use crate::{
 /// A scene on a card.
 #[derive(Debug)]
 pub(super) struct GpuWorld {
-    /// Kept for as long as the group that binds them.
-    pub(super) _trees: GpuTrees,
+    pub(super) trees: GpuTrees,
     pub(super) trees_group: BindGroup,
     pub(super) trees_layout: Arc<Layout>,
-    /// Kept for as long as the group that binds them.
-    pub(super) _buffers: Vec<Buffer>,
+    /// Of [`GpuWorld::BINDINGS`].
+    pub(super) buffers: Vec<Buffer>,
     pub(super) group: BindGroup,
     pub(super) layout: Arc<Layout>,
     pub(super) constants: Vec<(&'static str, Constant)>,
@@ -41,17 +42,38 @@ pub(super) struct GpuWorld {
 pub(super) struct PackedScene {
     trees: AccelBuffers,
     world: WorldBuffers,
+    /// By instance.
+    triangle_counts: Vec<u32>,
 }
 
 impl PackedScene {
     pub(super) fn of(world: &World) -> PackedScene {
-        PackedScene { trees: world.accel().upload(), world: world.upload() }
+        let trees = world.accel().upload();
+        let count_of = |mesh_id: &Id| {
+            let mesh = trees.meshes.binary_search_by(|mesh| mesh.mesh_id.cmp(mesh_id));
+            mesh.map_or(0, |mesh| trees.meshes[mesh].triangle_count)
+        };
+        let instances = world.accel().instances().iter();
+        let triangle_counts = instances.map(|instance| count_of(instance.mesh_id())).collect();
+        PackedScene { triangle_counts, trees, world: world.upload() }
     }
 }
 
 impl GpuWorld {
+    /// How steps see the scene beside its trees.
+    pub(super) const BINDINGS: [Binding; 8] = [
+        Binding::Uniform,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+    ];
+
     pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
-        let PackedScene { trees, world: packed } = packed;
+        let PackedScene { trees, world: packed, .. } = packed;
         let trees = GpuTrees::new(session, trees)?;
         let buffers = vec![
             session.buffer_of("scene header", &[packed.header])?,
@@ -63,16 +85,7 @@ impl GpuWorld {
             session.buffer_of("lights", &packed.lights)?,
             session.buffer_of("light nodes", &packed.light_nodes)?,
         ];
-        let layout = session.layout(&[
-            Binding::Uniform,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-            Binding::Read,
-        ])?;
+        let layout = session.layout(&GpuWorld::BINDINGS)?;
         let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
         let features = packed.features;
         let mut constants = vec![
@@ -93,7 +106,7 @@ impl GpuWorld {
         constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
         constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
         let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
-        Ok(GpuWorld { _trees: trees, trees_group, trees_layout, _buffers: buffers, group, layout, constants })
+        Ok(GpuWorld { trees, trees_group, trees_layout, buffers, group, layout, constants })
     }
 }
 
@@ -119,22 +132,35 @@ impl GpuWorld {
 
 /// Everything on one device that paths need.
 #[derive(Debug)]
-struct Ready {
-    session: Arc<Session>,
-    world: GpuWorld,
+pub(super) struct Ready {
+    pub(super) session: Arc<Session>,
+    pub(super) world: GpuWorld,
     /// Paths of pixels and of rays, each once they were asked for.
     pixels: Option<Paths>,
     rays: Option<Paths>,
     known: KnownOnCard,
+    /// What is drawn, once that was asked for.
+    pub(super) lookouts: Option<Lookouts>,
+    /// Of each instance.
+    pub(super) triangle_counts: Vec<u32>,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
-    shader_seconds: f64,
+    pub(super) shader_seconds: f64,
 }
 
 impl Ready {
     fn new(session: Arc<Session>, packed: &PackedScene) -> Result<Ready, GpuError> {
         let world = GpuWorld::new(&session, packed)?;
         let known = KnownOnCard::nothing(&session)?;
-        Ok(Ready { session, world, pixels: None, rays: None, known, shader_seconds: 0.0 })
+        Ok(Ready {
+            session,
+            world,
+            pixels: None,
+            rays: None,
+            known,
+            lookouts: None,
+            triangle_counts: packed.triangle_counts.clone(),
+            shader_seconds: 0.0,
+        })
     }
 
     /// Has places for so many paths of a slice. Where there is no room for them, all light goes first.
@@ -331,7 +357,7 @@ impl GpuScene {
     }
 
     /// What is on a device that works: never `None`.
-    fn ready(&self) -> Result<MutexGuard<'_, Option<Ready>>, GpuError> {
+    pub(super) fn ready(&self) -> Result<MutexGuard<'_, Option<Ready>>, GpuError> {
         let mut packed: Option<PackedScene> = None;
         loop {
             let mut held = locked(&self.ready);
@@ -352,7 +378,7 @@ impl GpuScene {
     }
 
     /// Runs `work` with it.
-    fn run<T>(
+    pub(super) fn run<T>(
         &self,
         held: &mut Option<Ready>,
         work: impl FnOnce(&mut Ready) -> Result<T, GpuError>,

@@ -8,6 +8,7 @@ mod known_light;
 mod laws;
 mod layouts;
 mod lights;
+mod lookouts;
 mod materials;
 mod textures;
 

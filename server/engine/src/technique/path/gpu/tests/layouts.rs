@@ -1,8 +1,9 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
-use lumicast_shaders::{GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PROOF_CONSTANTS};
+use lumicast_shaders::{GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PLANES, PROOF_CONSTANTS};
 
 use super::{
+    super::lookouts::GpuPlane,
     gather::{GpuGatherRay, GpuRaySample},
     *,
 };
@@ -12,6 +13,30 @@ use crate::{
     technique::{GpuLightSet, GpuOctreeHeader},
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
+
+/// Planes lie in WGSL as in Rust.
+#[test]
+fn planes_lie_alike_in_rust_and_wgsl() {
+    let source = PLANES.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &source,
+        "Plane",
+        GpuPlane {
+            origin,
+            half_width,
+            right,
+            half_height,
+            up,
+            nearest_m,
+            back,
+            left_instance,
+            left_triangle,
+            padding_0,
+            padding_1,
+            padding_2,
+        }
+    );
+}
 
 /// The scene's structs lie in WGSL as in Rust.
 #[test]

@@ -154,10 +154,8 @@ fn vertex_colours_tint_the_same() {
     shot(stage.finish()).is_alike(&gpu, "vertex colours");
 }
 
-/// Masks cut holes for eyes, for shadows and into lamps, by texture, factor and vertex colour.
-#[test]
-fn masks_cut_the_same_holes() {
-    let Some(gpu) = shared() else { return };
+/// A room with holes that masks cut by texture, factor and vertex colour, into surfaces and a lamp.
+pub(super) fn masked() -> Scene {
     let mut stage = room();
     stage.builder().add_texture(id("picture"), noise(9, 9)).unwrap();
     for (name, filter, at) in [
@@ -185,7 +183,14 @@ fn masks_cut_the_same_holes() {
     let lamp = stage.material("cut lamp", lamp).unwrap();
     let place = DAffine3::from_translation(DVec3::new(-1.2, 0.8, 0.0)) * DAffine3::from_rotation_y(0.9);
     stage.place("cut lamp", painted_square(&lamp, 0.5), place).unwrap();
-    shot(stage.finish()).is_alike(&gpu, "masks");
+    stage.finish()
+}
+
+/// Masks cut holes for eyes, for shadows and into lamps.
+#[test]
+fn masks_cut_the_same_holes() {
+    let Some(gpu) = shared() else { return };
+    shot(masked()).is_alike(&gpu, "masks");
 }
 
 /// Normal maps bend the same way, with tangents given or found, on turned, stretched, sheared and mirrored nodes.
