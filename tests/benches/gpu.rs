@@ -1,4 +1,4 @@
-//! What a graphics card does beside this machine's CPU: bare rays, path-traced passes, passes that ask the light octree, and what
+//! What a graphics card does beside this machine's CPU: bare rays, what planes see, path-traced passes, passes that ask the light octree, and what
 //! bringing a scene to the card costs.
 //!
 //! `cargo bench -p lumicast-tests --bench gpu [-- [--software] [--size WxH] [--rounds N] [SCENE[:CAMERA] …]]`; without scenes
@@ -18,6 +18,8 @@ mod options;
 mod passes;
 #[path = "gpu/pictures.rs"]
 mod pictures;
+#[path = "gpu/planes.rs"]
+mod planes;
 #[path = "rays/ray_set.rs"]
 #[expect(dead_code, reason = "benches/rays asks for more of it")]
 mod ray_set;
@@ -85,6 +87,7 @@ fn measure_subject(
     let mut figures = figures.of(&subject.name);
     upload::measure(subject, &gpu, options.rounds, &mut figures)?;
     bare_rays::measure(subject, &gpu, options.rounds, &mut figures)?;
+    planes::measure(subject, &gpu, size, options.rounds, &mut figures)?;
     passes::measure(subject, &gpu, size, options.rounds, &mut figures)
 }
 

@@ -151,8 +151,7 @@ const PICTURES: [Picture; 22] = [
         Some("paper_rms_error_percent"),
     )
     .by(super::hemisphere::SAMPLING.key)
-    .by_scene()
-    .logarithmic(),
+    .by_scene(),
     picture("caustic-frames", "Photons and map", ("photons", "photons"), ("prepare_ms", "ms"), None)
         .by("scene")
         .logarithmic(),
