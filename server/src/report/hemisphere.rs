@@ -76,10 +76,11 @@ pub(super) fn measure(
     effort: Effort,
 ) -> Result<(), ReportError> {
     let about = format!(
-        "Irradiance at what a grid of {} pixels of the first camera sees, by light that other surfaces scatter (looked up in an octree of \
-         {} photons) and send straight. Planes reach {} times as far to all sides as they lie before the point, and see {:.1} % of an even \
-         hemisphere. Error: √relMSE of the values, against {} rays a hemisphere that see the same light. The paper says neither how many \
-         pixels its planes had nor what its errors are relative to.",
+        "Irradiance at what a grid of {} pixels of the first camera sees, by light that other surfaces scatter: light that falls straight \
+         on them is sampled, the rest is looked up in an octree of {} photons. Planes reach {} times as far to all sides as they lie before \
+         the point, and see {:.1} % of an even hemisphere. Error: √relMSE of the values, against {} rays a hemisphere that see the same \
+         light; planes of other sizes than {SIDE} at a tenth of the places. The paper says neither how many pixels its planes had nor \
+         what its errors are relative to.",
         effort.hemispheres,
         effort.photons(PHOTONS),
         HemiPlane::HALF_SIDE,
@@ -93,7 +94,7 @@ pub(super) fn measure(
         for side in SIDES {
             for sampling in SAMPLINGS {
                 notebook.row(&format!("{} {side} {}", subject.name, sampling.0), || {
-                    Places::of(&mut known, subject, effort)?.errors(subject, side, sampling)
+                    Places::of(&mut known, subject, effort)?.errors(subject, side, sampling, effort)
                 })?;
             }
         }
@@ -131,9 +132,8 @@ struct Places {
     prepared: Prepared,
     arriving: PathTracer,
     places: Vec<(SurfacePoint, Facing)>,
-    truth: Vec<Rgb>,
-    /// √relMSE of that.
-    noise: f64,
+    /// Irradiance by rays over whole hemispheres, and √relMSE of its noise, once it was asked for.
+    truth: Option<(Vec<Rgb>, f64)>,
     /// What is seen on planes of a size, with its light: the variants weigh it differently.
     on_planes: Option<(u32, Vec<Vec<Rgb>>)>,
 }
@@ -171,21 +171,28 @@ impl Places {
             surface.bsdf.has_diffuse().then_some((surface.point, facing))
         });
         let places: Vec<_> = seen.collect();
-        let mut found = Places {
-            name: subject.name.clone(),
-            prepared,
-            arriving,
-            places,
-            truth: Vec::new(),
-            noise: 0.0,
-            on_planes: None,
+        if places.is_empty() {
+            return Err(empty("diffuse surface where the camera looks"));
+        }
+        Ok(Places { name: subject.name.clone(), prepared, arriving, places, truth: None, on_planes: None })
+    }
+
+    /// By `count` rays of either half, and its noise.
+    fn truth(&mut self, count: u32) -> Result<&(Vec<Rgb>, f64), ReportError> {
+        let truth = match self.truth.take() {
+            Some(truth) => truth,
+            None => {
+                let all = self.every(1);
+                let [first, second] = [0, 1].map(|half| self.by_rays(&all, half, count));
+                let differ = compare(&first, &second).map_err(|_| ReportError::Empty {
+                    name: self.name.clone(),
+                    missing: "indirect light where the camera looks",
+                })?;
+                let mean = first.iter().zip(&second).map(|(a, b)| (*a + *b) * 0.5).collect();
+                (mean, 0.5 * differ.error())
+            }
         };
-        let all = found.every(1);
-        let [first, second] = [0, 1].map(|half| found.by_rays(&all, half, effort.hemisphere_rays));
-        let differ = compare(&first, &second).map_err(|_| empty("light where the camera looks"))?;
-        found.noise = 0.5 * differ.error();
-        found.truth = first.iter().zip(&second).map(|(a, b)| (*a + *b) * 0.5).collect();
-        Ok(found)
+        Ok(self.truth.insert(truth))
     }
 
     /// Numbers of every so many-th place.
@@ -253,6 +260,7 @@ impl Places {
         subject: &Subject,
         side: u32,
         (name, sampling, paper): (&'static str, Sampling, Option<f64>),
+        effort: Effort,
     ) -> Result<Cells, ReportError> {
         let places = self.places_of(side);
         let found = match sampling {
@@ -274,7 +282,8 @@ impl Places {
                 found
             }
         };
-        let truth: Vec<Rgb> = places.iter().map(|place| self.truth[*place]).collect();
+        let (truth, noise) = self.truth(effort.hemisphere_rays)?;
+        let (noise, truth): (_, Vec<Rgb>) = (*noise, places.iter().map(|place| truth[*place]).collect());
         let error = compare(&found, &truth).map_err(|error| ReportError::Text {
             what: "the comparison of irradiances",
             reason: format!("{}: {error}", self.name),
@@ -287,7 +296,7 @@ impl Places {
             (ERROR, (100.0 * error.error()).into()),
             (PAPER_ERROR, paper.filter(|_| side == SIDE && self.name == SCENES[0]).into()),
             (BIAS, (100.0 * error.bias).into()),
-            (NOISE, (100.0 * self.noise).into()),
+            (NOISE, (100.0 * noise).into()),
         ]
         .map(|(column, cell)| (column.key.to_string(), cell))
         .into())
