@@ -188,7 +188,7 @@ impl GpuScene {
             return Err(GpuError::Failed { what: "only perspective views of one size are drawn".into() });
         }
         let pixel_count = size.pixel_count();
-        let most = (TARGET_PIXELS_MAX / pixel_count).max(1);
+        let mut most = (TARGET_PIXELS_MAX / pixel_count).max(1);
         let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
         let mut at_once = 1;
         let mut hits = Vec::with_capacity(lookouts.len() * pixel_count);
@@ -201,6 +201,12 @@ impl GpuScene {
             let (words, columns, seconds) = match drawn {
                 Ok(drawn) => drawn,
                 Err(GpuError::Lost) if self.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => continue,
+                // Fewer may have room.
+                Err(GpuError::OutOfMemory { .. }) if now.len() > 1 => {
+                    most = now.len() / 2;
+                    at_once = most;
+                    continue;
+                }
                 Err(error) => return Err(error),
             };
             self.losses.store(0, Ordering::Relaxed);
@@ -243,22 +249,22 @@ fn hit_of(world: &World, words: [u32; 4], ray: &Ray) -> Option<Hit> {
     (t > 0.0).then_some(Hit { t, instance, triangle, b1, b2 })
 }
 
-/// Distance in lengths of the ray's direction, and the weights of the second and third corner, where the ray meets the plane of a triangle
-/// [Moeller1997]; where that is beyond an edge, the weights of the edge. `None` where the triangle has no area as seen from there.
-fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
+/// Distance along a unit direction, and the weights of the second and third corner, where the ray meets the plane of a triangle
+/// [Moeller1997]; where that is beyond an edge, where the edge is. `None` where the triangle has no area as seen from there.
+pub(super) fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
     let [a, b, c] = corners.map(|corner| (corner - ray.origin).as_dvec3());
     let (direction, ab, ac) = (ray.direction.as_dvec3(), b - a, c - a);
     let across = direction.cross(ac);
     let volume = ab.dot(across);
-    let inverse = 1.0 / volume;
-    let b1 = -a.dot(across) * inverse;
-    let turned = ab.cross(a);
-    let b2 = direction.dot(turned) * inverse;
-    let t = ac.dot(turned) * inverse;
-    if !(t.is_finite() && b1.is_finite() && b2.is_finite()) {
+    let b1 = -a.dot(across) / volume;
+    let b2 = direction.dot(ab.cross(a)) / volume;
+    if !(b1.is_finite() && b2.is_finite()) {
         return None;
     }
     let [b1, b2] = [b1, b2].map(|weight| weight.max(0.0));
     let scale = 1.0 / (b1 + b2).max(1.0);
-    Some([t, b1 * scale, b2 * scale].map(|value| value as f32))
+    let [b1, b2] = [b1 * scale, b2 * scale];
+    // Not where the plane is met: seen from the side that may be anywhere.
+    let t = (a + ab * b1 + ac * b2).dot(direction);
+    Some([t, b1, b2].map(|value| value as f32))
 }

@@ -1,8 +1,11 @@
 //! What places see, drawn on a card beside rays through the middles of pixels.
 
-use super::{gathering::cabinet, textures::masked, *};
+use glam::Vec3;
+
+use super::{super::lookouts::meet, gathering::cabinet, textures::masked, *};
 use crate::{
-    accel::{Hit, TriangleId},
+    accel::{Hit, Ray, TriangleId},
+    gpu::GpuOptions,
     scene::{Projection, samples},
     technique::{Lookout, irradiance::HemiPlane},
 };
@@ -72,6 +75,39 @@ fn planes_see_what_rays_meet() {
         }
     }
     assert!(elsewhere as f64 <= ELSEWHERE_MAX * pixels as f64, "{elsewhere} of {pixels}");
+}
+
+/// A ray that passes by a triangle meets its edge, from the side too, and one without area is not met.
+#[test]
+fn rays_beside_a_triangle_meet_its_edge() {
+    let corners = [Vec3::new(0.0, 0.0, -2.0), Vec3::new(1.0, 0.0, -2.0), Vec3::new(0.0, 1.0, -4.0)];
+    let along = |x: f32, y: f32| Ray::new(Vec3::ZERO, Vec3::new(x, y, -1.0).normalize());
+    let length = |x: f32, y: f32| Vec3::new(x, y, -1.0).length();
+    let [t, b1, b2] = meet(&along(0.1, 0.0), corners).unwrap();
+    assert!((t - 2.0 * length(0.1, 0.0)).abs() < 1e-5 && (b1 - 0.2).abs() < 1e-5 && b2.abs() < 1e-6);
+    let [t, b1, b2] = meet(&along(-0.01, 0.0), corners).unwrap();
+    assert!((t - 2.0).abs() < 1e-2 && b1 == 0.0 && b2.abs() < 1e-2, "{t} {b1} {b2}");
+    // From the side: all of it within a hundred-millionth of a plane through the eye.
+    let flat = corners.map(|corner| Vec3::new(corner.x, 1e-8 * corner.y, corner.z));
+    let [t, ..] = meet(&along(0.1, 0.1), flat).unwrap();
+    assert!(t > 1.0 && t < 5.0, "{t}");
+    assert_eq!(meet(&along(0.1, 0.0), [corners[0], corners[1], corners[1]]), None);
+}
+
+/// Where there is no room for many at once, fewer are drawn at a time.
+#[test]
+fn little_room_is_enough() {
+    let Some(gpu) = shared() else { return };
+    let shot = shot(samples::boxes().unwrap());
+    let [_, planes] = lookouts_of(&shot);
+    let planes: Vec<Lookout> = std::iter::repeat_n(planes, 8).flatten().collect();
+    let all = GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)).visible(&planes).unwrap();
+    // The scene takes some 100 kB, sixteen planes with what is read back of them as much.
+    let options = GpuOptions { bytes_max: 400_000, ..gpu.options() };
+    let small = Arc::new(Gpu::open_with(&options).unwrap());
+    let scene = GpuScene::new(small, Arc::clone(&shot.world));
+    assert_eq!(scene.visible(&planes).unwrap(), all);
+    assert!(scene.bytes() <= 400_000);
 }
 
 /// A device that is lost is opened again; views that a plane does not stand for, and pictures larger than any target, are refused.
