@@ -250,7 +250,7 @@ fn hit_of(world: &World, words: [u32; 4], ray: &Ray) -> Option<Hit> {
 }
 
 /// Distance along a unit direction, and the weights of the second and third corner, where the ray meets the plane of a triangle
-/// [Moeller1997]; where that is beyond an edge, where the edge is. `None` where the triangle has no area as seen from there.
+/// [Moller1997]; where that is beyond an edge, where the edge is. `None` where the triangle has no area as seen from there.
 pub(super) fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
     let [a, b, c] = corners.map(|corner| (corner - ray.origin).as_dvec3());
     let (direction, ab, ac) = (ray.direction.as_dvec3(), b - a, c - a);
