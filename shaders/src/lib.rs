@@ -6,7 +6,6 @@
 
 mod accel;
 mod path;
-mod planes;
 
 #[cfg(test)]
 mod tests;
@@ -14,9 +13,8 @@ mod tests;
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
-    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PLANES,
 };
-pub use planes::PLANES;
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
 pub static STEPS: &[&Step] = &[
@@ -106,7 +104,7 @@ impl Step {
 /// A vertex and a fragment shader: what one draw runs.
 #[derive(Debug)]
 pub struct Raster {
-    /// Room and what is drawn, such as `accel/planes`; no two share one, nor one with a [`Step`].
+    /// Room and what is drawn, such as `path/planes`; no two share one, nor one with a [`Step`].
     pub name: &'static str,
     /// The function that runs for every vertex.
     pub vertex: &'static str,

@@ -1,13 +1,12 @@
 //! Path tracing in steps, one scattering of every path of a slice at a time.
 
 use crate::{
-    Part, Step,
+    Part, Raster, Step,
     accel::{TREE, UNMASKED},
 };
 
-pub(crate) static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
-pub(crate) static SCENE: Part =
-    Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
+static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
+static SCENE: Part = Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
 static BSDF: Part = Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
 static SURFACE: Part = Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
 static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };
@@ -22,6 +21,7 @@ static STATE: Part = Part { name: "path/state", source: include_str!("../path/st
 static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
 static RAY: Part = Part { name: "path/ray", source: include_str!("../path/ray.wgsl") };
 
+static PLANES_ENTRIES: Part = Part { name: "path/planes", source: include_str!("../path/planes.wgsl") };
 static BEGIN_ENTRY: Part = Part { name: "path/begin", source: include_str!("../path/begin.wgsl") };
 static BEGIN_RAY_ENTRY: Part =
     Part { name: "path/begin_ray", source: include_str!("../path/begin_ray.wgsl") };
@@ -106,4 +106,12 @@ pub static GATHER_OCCLUDED: Step = Step {
     entry_point: "occluded",
     parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &RAY, &OCCLUDED_ENTRY],
     workgroup_size: [64, 1, 1],
+};
+
+/// Surfaces that the middles of pixels see, of many small pictures at once.
+pub static PLANES: Raster = Raster {
+    name: "path/planes",
+    vertex: "corner",
+    fragment: "seen",
+    parts: &[&NUMBERS, &SCENE, &TREE, &PLANES_ENTRIES],
 };

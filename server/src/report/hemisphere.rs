@@ -6,7 +6,7 @@ use std::{sync::Arc, time::Instant};
 use lumicast_engine::{
     accel::{Hit, Ray, SurfacePoint},
     film::{PictureSize, compare},
-    gpu::{AdapterChoice, AdapterKind, Gpu},
+    gpu::{AdapterChoice, AdapterKind, Gpu, GpuError},
     math::{
         Frame, Rgb,
         sobol::{self, PixelSampler},
@@ -64,10 +64,11 @@ const ERROR: Column = Column::here("rms_error_percent", "RMS error", "%");
 const PAPER_ERROR: Column = Column::paper("paper_rms_error_percent", "RMS error in the paper", "%");
 const BIAS: Column = Column::here("bias_percent", "bias", "%");
 const NOISE: Column = Column::here("noise_percent", "noise of what it is compared with", "%");
-const BY: Column = Column::given("by", "seen");
-const SEEING_US: Column = Column::here("seeing_us", "seeing, a value", "µs");
-const LIGHT_US: Column = Column::here("light_us", "light of what is seen, a value", "µs");
-const ALIKE: Column = Column::here("alike_percent", "pixels that see the rays' triangle", "%");
+const CLEAN: Column = Column::here("clean_rms_error_percent", "without that noise", "%");
+const BY: Column = Column::given("by", "how it is seen");
+const SEEING_US: Column = Column::here("seeing_us", "time to see, a value", "µs");
+const LIGHT_US: Column = Column::here("light_us", "time to gather its light, a value", "µs");
+const ALIKE: Column = Column::here("alike_percent", "pixels with the triangle that their ray meets", "%");
 
 /// Measures both.
 pub(super) fn measure(
@@ -78,16 +79,17 @@ pub(super) fn measure(
     let about = format!(
         "Irradiance at what a grid of {} pixels of the first camera sees, by light that other surfaces scatter: light that falls straight \
          on them is sampled, the rest is looked up in an octree of {} photons. Planes reach {} times as far to all sides as they lie before \
-         the point, and see {:.1} % of an even hemisphere. Error: √relMSE of the values, against {} rays a hemisphere that see the same \
-         light; planes of other sizes than {SIDE} at a tenth of the places. The paper says neither how many pixels its planes had nor \
-         what its errors are relative to.",
+         the point, and see {:.1} % of an even hemisphere; as many rays as a plane has pixels go over all of the hemisphere, by the cosine. \
+         Error: √relMSE of the values, against {} rays a hemisphere that see the same light; bias: their mean over that of those, less one. \
+         Pixels that see no diffuse surface have no value, and planes of other sizes than {SIDE} have a tenth of the places. The paper says \
+         neither how many pixels its planes had nor what its errors are relative to: they stand beside ours of {SIDE}.",
         effort.hemispheres,
         effort.photons(PHOTONS),
         HemiPlane::HALF_SIDE,
         100.0 * HemiPlane::new(HemiPlane::HALF_SIDE, SIDE).coverage(),
         2 * effort.hemisphere_rays,
     );
-    let columns = [SCENE, PIXELS, SAMPLING, VALUES, ERROR, PAPER_ERROR, BIAS, NOISE];
+    let columns = [SCENE, PIXELS, SAMPLING, VALUES, ERROR, PAPER_ERROR, NOISE, CLEAN, BIAS];
     notebook.begin(Table::new("table-8.1-hemisphere", "Table 8.1: hemispheres on planes", about, &columns));
     let mut known = None;
     for subject in subjects {
@@ -100,8 +102,8 @@ pub(super) fn measure(
         }
     }
     let about = format!(
-        "What planes of {SIDE} × {SIDE} pixels see, along rays through their middles on the CPU and drawn triangle by triangle on a card, \
-         and gathering its light on the CPU. All threads together."
+        "What planes of {SIDE} × {SIDE} pixels see, along rays through their middles on the CPU and drawn triangle by triangle on a card \
+         or a driver that computes on the CPU in its place, and the light of what is seen, gathered on the CPU. All threads together."
     );
     let columns = [SCENE, BY, VALUES, SEEING_US, LIGHT_US, ALIKE];
     notebook.begin(Table::new("hemisphere-cost", "What planes cost", about, &columns));
@@ -115,9 +117,14 @@ pub(super) fn measure(
             Places::of(&mut known, subject, effort)?.cost(subject, None)
         })?;
         if let Some(card) = &card {
-            notebook.row(&format!("{} {}", subject.name, card.report().name), || {
+            let drawn = notebook.row(&format!("{} {}", subject.name, card.report().name), || {
                 Places::of(&mut known, subject, effort)?.cost(subject, Some(card))
-            })?;
+            });
+            match drawn {
+                // All else is known without it.
+                Err(error @ ReportError::Card { .. }) => notebook.note(format!("{}: {error}", subject.name)),
+                drawn => drawn?,
+            }
         }
     }
     Ok(())
@@ -132,8 +139,8 @@ struct Places {
     prepared: Prepared,
     arriving: PathTracer,
     places: Vec<(SurfacePoint, Facing)>,
-    /// Irradiance by rays over whole hemispheres, and √relMSE of its noise, once it was asked for.
-    truth: Option<(Vec<Rgb>, f64)>,
+    /// Irradiance by rays over whole hemispheres, by either half of them, once it was asked for.
+    truth: Option<[Vec<Rgb>; 2]>,
     /// What is seen on planes of a size, with its light: the variants weigh it differently.
     on_planes: Option<(u32, Vec<Vec<Rgb>>)>,
 }
@@ -177,22 +184,24 @@ impl Places {
         Ok(Places { name: subject.name.clone(), prepared, arriving, places, truth: None, on_planes: None })
     }
 
-    /// By `count` rays of either half, and its noise.
-    fn truth(&mut self, count: u32) -> Result<&(Vec<Rgb>, f64), ReportError> {
-        let truth = match self.truth.take() {
-            Some(truth) => truth,
+    /// Irradiance at some places by `count` rays of either half, and √relMSE of its noise.
+    fn truth(&mut self, places: &[usize], count: u32) -> Result<(Vec<Rgb>, f64), ReportError> {
+        let halves = match self.truth.take() {
+            Some(halves) => halves,
             None => {
                 let all = self.every(1);
-                let [first, second] = [0, 1].map(|half| self.by_rays(&all, half, count));
-                let differ = compare(&first, &second).map_err(|_| ReportError::Empty {
-                    name: self.name.clone(),
-                    missing: "indirect light where the camera looks",
-                })?;
-                let mean = first.iter().zip(&second).map(|(a, b)| (*a + *b) * 0.5).collect();
-                (mean, 0.5 * differ.error())
+                [0, 1].map(|half| self.by_rays(&all, half, count))
             }
         };
-        Ok(self.truth.insert(truth))
+        let halves = self.truth.insert(halves);
+        let [first, second] =
+            halves.each_ref().map(|half| places.iter().map(|place| half[*place]).collect::<Vec<Rgb>>());
+        let differ = compare(&first, &second).map_err(|_| ReportError::Empty {
+            name: self.name.clone(),
+            missing: "indirect light where the camera looks",
+        })?;
+        let mean = first.iter().zip(&second).map(|(a, b)| (*a + *b) * 0.5).collect();
+        Ok((mean, 0.5 * differ.error()))
     }
 
     /// Numbers of every so many-th place.
@@ -282,8 +291,7 @@ impl Places {
                 found
             }
         };
-        let (truth, noise) = self.truth(effort.hemisphere_rays)?;
-        let (noise, truth): (_, Vec<Rgb>) = (*noise, places.iter().map(|place| truth[*place]).collect());
+        let (truth, noise) = self.truth(&places, effort.hemisphere_rays)?;
         let error = compare(&found, &truth).map_err(|error| ReportError::Text {
             what: "the comparison of irradiances",
             reason: format!("{}: {error}", self.name),
@@ -295,8 +303,9 @@ impl Places {
             (VALUES, (places.len() as f64).into()),
             (ERROR, (100.0 * error.error()).into()),
             (PAPER_ERROR, paper.filter(|_| side == SIDE && self.name == SCENES[0]).into()),
-            (BIAS, (100.0 * error.bias).into()),
             (NOISE, (100.0 * noise).into()),
+            (CLEAN, (100.0 * (error.rel_mse - noise * noise).max(0.0).sqrt()).into()),
+            (BIAS, (100.0 * error.bias).into()),
         ]
         .map(|(column, cell)| (column.key.to_string(), cell))
         .into())
@@ -314,10 +323,8 @@ impl Places {
         let (mut seen, mut by, mut alike) = (along_rays, "rays, on the CPU".to_string(), None);
         if let Some(card) = card {
             let scene = GpuScene::new(Arc::clone(card), Arc::clone(&self.prepared.world));
-            let failed = |error: lumicast_engine::gpu::GpuError| ReportError::Text {
-                what: "what a card draws",
-                reason: error.to_string(),
-            };
+            let failed =
+                |error: GpuError| ReportError::Card { name: card.report().name, reason: error.to_string() };
             // Brings the scene there and compiles.
             scene.visible(&lookouts[..lookouts.len().min(1)]).map_err(failed)?;
             let start = Instant::now();
@@ -327,12 +334,15 @@ impl Places {
             let pixels = seen.iter_mut().flatten().zip(&drawn);
             let (mut same, mut all) = (0u64, 0u64);
             for ((_, met), hit) in pixels {
-                all += 1;
-                same += u64::from(triangle(met) == triangle(hit));
+                // Where neither sees any, nothing is told.
+                let is_told = met.is_some() || hit.is_some();
+                all += u64::from(is_told);
+                same += u64::from(is_told && triangle(met) == triangle(hit));
                 *met = *hit;
             }
             alike = Some(100.0 * same as f64 / all.max(1) as f64);
-            by = format!("drawn on {}", card.report().name);
+            let report = card.report();
+            by = format!("drawn on {} ({})", report.name, report.kind);
         }
         let start = Instant::now();
         places.par_iter().zip(&seen).for_each(|(place, seen)| {

@@ -238,6 +238,14 @@ pub enum ReportError {
         /// Why not.
         reason: String,
     },
+    /// A card that was opened, and does not draw.
+    #[error("nothing was drawn on {name}: {reason}")]
+    Card {
+        /// The card.
+        name: String,
+        /// Why not.
+        reason: String,
+    },
     /// Two scenes of one name.
     #[error("two scenes are called {name}: rename the file of one, or make a report of each")]
     Twice {

@@ -86,10 +86,7 @@ fn planes(subject: &Subject) -> Result<Vec<Lookout>, Box<dyn Error>> {
     let pixels = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
     let planes = pixels.filter_map(|(x, y)| {
         let ray = view.ray(x as f32 + 0.5, y as f32 + 0.5);
-        let surface = subject.world.surface(&subject.world.closest_hit(&ray)?, ray.direction);
-        let n = surface.frame.n;
-        let n = if ray.direction.dot(n) > 0.0 { -n } else { n };
-        Some(Lookout::before(&surface.point, n, HemiPlane::HALF_SIDE as f32, of_plane))
+        Lookout::before_what_is_met(&subject.world, &ray, HemiPlane::HALF_SIDE as f32, of_plane)
     });
     Ok(planes.collect())
 }

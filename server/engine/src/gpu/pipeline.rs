@@ -88,18 +88,10 @@ impl Session {
         constants: &[(&str, Constant)],
         layouts: &[&Layout],
     ) -> Result<wgpu::ComputePipeline, GpuError> {
-        let groups: Vec<_> = layouts.iter().map(|layout| Some(&layout.layout)).collect();
-        let source = wgpu::ShaderSource::Wgsl(step.source(constants).into());
+        let source = step.source(constants);
         self.checked(
             || {
-                let module = self
-                    .device
-                    .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(step.name), source });
-                let layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                    label: Some(step.name),
-                    bind_group_layouts: &groups,
-                    immediate_size: 0,
-                });
+                let (module, layout) = self.module_and_layout(step.name, source, layouts);
                 self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                     label: Some(step.name),
                     layout: Some(&layout),
@@ -111,5 +103,24 @@ impl Session {
             },
             |error| GpuError::Shader { step: step.name.to_string(), what: error.to_string() },
         )
+    }
+
+    /// What every pipeline begins with.
+    pub(super) fn module_and_layout(
+        &self,
+        name: &str,
+        source: String,
+        layouts: &[&Layout],
+    ) -> (wgpu::ShaderModule, wgpu::PipelineLayout) {
+        let label = Some(name);
+        let source = wgpu::ShaderSource::Wgsl(source.into());
+        let groups: Vec<_> = layouts.iter().map(|layout| Some(&layout.layout)).collect();
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
+        let layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label,
+            bind_group_layouts: &groups,
+            immediate_size: 0,
+        });
+        (module, layout)
     }
 }

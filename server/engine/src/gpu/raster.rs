@@ -38,13 +38,8 @@ pub struct Target {
 }
 
 impl Target {
-    /// Pixels across that a row of a [`Target`] may have: copies take whole rows of so many bytes alone.
+    /// Columns come in multiples of this: copies take whole rows of so many bytes alone.
     pub const WIDTH_STEP: u32 = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT / WORD_BYTES;
-
-    /// Columns and rows.
-    pub fn size(&self) -> [u32; 2] {
-        self.size
-    }
 
     fn byte_count(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(WORD_BYTES)
@@ -90,19 +85,12 @@ impl Session {
         constants: &[(&str, Constant)],
         layouts: &[&Layout],
     ) -> Result<wgpu::RenderPipeline, GpuError> {
-        let groups: Vec<_> = layouts.iter().map(|layout| Some(&layout.layout)).collect();
-        let label = Some(raster.name);
-        let source = wgpu::ShaderSource::Wgsl(raster.source(constants).into());
+        let source = raster.source(constants);
         self.checked(
             || {
-                let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor { label, source });
-                let layout = self.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-                    label,
-                    bind_group_layouts: &groups,
-                    immediate_size: 0,
-                });
+                let (module, layout) = self.module_and_layout(raster.name, source, layouts);
                 self.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-                    label,
+                    label: Some(raster.name),
                     layout: Some(&layout),
                     vertex: wgpu::VertexState {
                         module: &module,
@@ -147,8 +135,10 @@ impl Session {
     /// [`GpuError::Failed`].
     pub fn target(&self, name: &str, size: [u32; 2]) -> Result<Target, GpuError> {
         let [width, height] = size;
-        let pixels = u64::from(width) * u64::from(height);
-        let byte_count = pixels * (u64::from(WORD_BYTES) + NEARNESS_BYTES);
+        let bytes_of = |width: u32, height: u32| {
+            u64::from(width) * u64::from(height) * (u64::from(WORD_BYTES) + NEARNESS_BYTES)
+        };
+        let byte_count = bytes_of(width, height);
         let refused = |bytes_allowed: u64, limit: &'static str| GpuError::OutOfMemory {
             name: name.to_string(),
             byte_count,
@@ -157,8 +147,8 @@ impl Session {
         };
         let side_max = self.limits.max_texture_dimension_2d;
         if width.max(height) > side_max {
-            let bytes_allowed = u64::from(side_max).pow(2) * u64::from(WORD_BYTES);
-            return Err(refused(bytes_allowed, "the adapter's largest picture"));
+            let bytes_allowed = bytes_of(width.min(side_max), height.min(side_max));
+            return Err(refused(bytes_allowed, "the longest side of the adapter's pictures"));
         }
         let held = self
             .budget

@@ -21,8 +21,6 @@ pub enum PastPlane {
 /// A square of pixels on a plane at distance 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HemiPlane {
-    side: u32,
-    half_side: f64,
     /// ∫ cos θ dω over each pixel, row by row, sr.
     on_plane: Vec<f64>,
     /// The same of what lies below a pixel of the border, down to the horizon; 0 for others.
@@ -33,7 +31,7 @@ impl HemiPlane {
     /// How far the plane reaches: twice as far as it is away, an aperture of 127°.
     pub const HALF_SIDE: f64 = 2.0;
 
-    /// - `half_side`: how far it reaches to all sides, more than 0
+    /// - `half_side`: how far it reaches to all sides, 1e-6 to 1e6: beyond, rounding is all there is of some pixels
     /// - `side`: pixels across, 1 at least
     pub fn new(half_side: f64, side: u32) -> HemiPlane {
         let side = side.max(1);
@@ -53,22 +51,7 @@ impl HemiPlane {
             let of_side = |is_there: bool, number: u32| if is_there { sides * along(number) } else { 0.0 };
             of_side(is_border(x), y) + of_side(is_border(y), x)
         };
-        HemiPlane {
-            side,
-            half_side,
-            on_plane: pixels.clone().map(on_plane).collect(),
-            below: pixels.map(below).collect(),
-        }
-    }
-
-    /// Pixels across.
-    pub fn side(&self) -> u32 {
-        self.side
-    }
-
-    /// How far it reaches to all sides.
-    pub fn half_side(&self) -> f64 {
-        self.half_side
+        HemiPlane { on_plane: pixels.clone().map(on_plane).collect(), below: pixels.map(below).collect() }
     }
 
     /// Share of an even hemisphere's irradiance that it sees.
@@ -77,7 +60,10 @@ impl HemiPlane {
     }
 
     /// Irradiance by what its pixels see, row by row, W/m².
+    ///
+    /// Panics where that is not one radiance for each of them.
     pub fn irradiance(&self, radiance: &[Rgb], past: PastPlane) -> Rgb {
+        assert_eq!(radiance.len(), self.on_plane.len(), "a radiance for each pixel");
         let scale = if past == PastPlane::Mean { 1.0 / self.coverage() } else { 1.0 };
         let weights = self.on_plane.iter().zip(&self.below).map(|(on_plane, below)| {
             scale * (on_plane + if past == PastPlane::Border { *below } else { 0.0 })
@@ -112,10 +98,9 @@ mod tests {
 
     use super::*;
 
-    /// A plane that sees so much in each direction over it.
-    fn seen(plane: &HemiPlane, radiance: impl Fn(f64, f64) -> f64) -> Vec<Rgb> {
-        let side = plane.side();
-        let at = |number: u32| plane.half_side() * (2.0 * (f64::from(number) + 0.5) / f64::from(side) - 1.0);
+    /// What the pixels of a plane see of so much light in each direction over it.
+    fn seen(half_side: f64, side: u32, radiance: impl Fn(f64, f64) -> f64) -> Vec<Rgb> {
+        let at = |number: u32| half_side * (2.0 * (f64::from(number) + 0.5) / f64::from(side) - 1.0);
         let pixels = (0..side).flat_map(|y| (0..side).map(move |x| (x, y)));
         pixels.map(|(x, y)| Rgb::splat(radiance(at(x), at(y)) as f32)).collect()
     }
@@ -128,7 +113,7 @@ mod tests {
         {
             let plane = HemiPlane::new(half_side, side);
             assert!((plane.coverage() - coverage).abs() < 5e-4, "{half_side} {side}: {}", plane.coverage());
-            let even = seen(&plane, |_, _| 1.0);
+            let even = seen(half_side, side, |_, _| 1.0);
             let of = |past: PastPlane| f64::from(plane.irradiance(&even, past).r) / PI;
             assert!((of(PastPlane::Dark) - plane.coverage()).abs() < 1e-6);
             for past in [PastPlane::Mean, PastPlane::Border] {
@@ -144,13 +129,13 @@ mod tests {
         let plane = HemiPlane::new(HemiPlane::HALF_SIDE, 256);
         let of = |radiance: &[Rgb], past: PastPlane| f64::from(plane.irradiance(radiance, past).r) / PI;
         // A fan of 47°, not along any side.
-        let fan = seen(&plane, |x, y| {
+        let fan = seen(HemiPlane::HALF_SIDE, 256, |x, y| {
             let turned = (y.atan2(x) - 0.3).rem_euclid(2.0 * PI);
             if turned < 0.26 * PI { 1.0 } else { 0.0 }
         });
         assert!((of(&fan, PastPlane::Border) - 0.13).abs() < 1e-3, "{}", of(&fan, PastPlane::Border));
         // sin² θ: irradiance π / 2.
-        let low = seen(&plane, |x, y| (x * x + y * y) / (1.0 + x * x + y * y));
+        let low = seen(HemiPlane::HALF_SIDE, 256, |x, y| (x * x + y * y) / (1.0 + x * x + y * y));
         let off = |past: PastPlane| (of(&low, past) - 0.5).abs();
         assert!(off(PastPlane::Border) < 0.03, "{}", off(PastPlane::Border));
         assert!(off(PastPlane::Border) < 0.5 * off(PastPlane::Mean));

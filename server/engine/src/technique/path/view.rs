@@ -168,7 +168,8 @@ pub struct Lookout {
 }
 
 impl Lookout {
-    /// What lies before a point of a surface, on the plane at distance 1 that reaches `half_side` to all sides.
+    /// What lies before a point of a surface, on the plane at distance 1 that reaches `half_side` up and down, and to the sides as the
+    /// picture's aspect has it.
     ///
     /// - `n`: unit, the way to look; whatever turns the plane around it serves
     pub fn before(point: &SurfacePoint, n: Vec3, half_side: f32, size: PictureSize) -> Lookout {
@@ -179,6 +180,19 @@ impl Lookout {
         let half_size = [half_side * size.aspect() as f32, half_side];
         let view = View { origin, right, up, back: -n, half_size, is_perspective: true, size };
         Lookout { view, left }
+    }
+
+    /// [`Lookout::before`] what a ray meets, on the side that it is seen from; `None` where that is nothing.
+    pub fn before_what_is_met(
+        world: &World,
+        ray: &Ray,
+        half_side: f32,
+        size: PictureSize,
+    ) -> Option<Lookout> {
+        let surface = world.surface(&world.closest_hit(ray)?, ray.direction);
+        let n = surface.frame.n;
+        let n = if ray.direction.dot(n) > 0.0 { -n } else { n };
+        Some(Lookout::before(&surface.point, n, half_side, size))
     }
 
     /// [`View::ray`] from there.

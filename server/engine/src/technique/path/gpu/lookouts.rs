@@ -75,7 +75,6 @@ pub(super) struct Lookouts {
     scene: BindGroup,
     /// Of planes and draws.
     layout: Arc<Layout>,
-    target: Option<Target>,
 }
 
 impl Lookouts {
@@ -89,7 +88,6 @@ impl Lookouts {
             trees: session.bind(&trees_layout, &world.trees.buffers())?,
             scene: session.bind(&scene_layout, &world.buffers.iter().collect::<Vec<_>>())?,
             layout,
-            target: None,
         })
     }
 }
@@ -117,6 +115,25 @@ impl Sheet {
     }
 }
 
+/// A lookout, and what of the scene is drawn for it.
+struct Look<'a> {
+    lookout: &'a Lookout,
+    /// Instances that do not lie behind it.
+    shown: Vec<usize>,
+    /// Pixels, and triangles of those.
+    work: usize,
+}
+
+impl<'a> Look<'a> {
+    fn of(world: &World, lookout: &'a Lookout) -> Look<'a> {
+        let instances = world.accel().instances();
+        let shown: Vec<usize> =
+            (0..instances.len()).filter(|instance| !is_behind(world, *instance, lookout)).collect();
+        let triangles = shown.iter().map(|instance| instances[*instance].mesh().triangles().len());
+        Look { lookout, work: lookout.view.size().pixel_count() + triangles.sum::<usize>(), shown }
+    }
+}
+
 /// All of an instance lies behind the eye.
 fn is_behind(world: &World, instance: usize, Lookout { view, .. }: &Lookout) -> bool {
     let bounds = world.accel().instances()[instance].bounds_in_world();
@@ -128,14 +145,38 @@ fn is_behind(world: &World, instance: usize, Lookout { view, .. }: &Lookout) -> 
     })
 }
 
+/// What is drawn together: one, and as many more as take no more than `work_max` with it; `most` at most.
+fn batch_of<'a>(looks: impl Iterator<Item = Look<'a>>, work_max: usize, most: usize) -> Vec<Look<'a>> {
+    let mut work = 0;
+    let fits = |look: &Look<'_>| {
+        let is_first = work == 0;
+        work += look.work;
+        is_first || work <= work_max
+    };
+    looks.take(most).take_while(fits).collect()
+}
+
+/// What a batch of lookouts brought.
+struct Drawn {
+    /// Of the target's pixels, row by row.
+    words: Vec<u8>,
+    columns: u32,
+    seconds: f64,
+}
+
 impl Ready {
-    /// Words of the pixels of all lookouts, with the target's columns, and the seconds they took.
-    fn draw(
-        &mut self,
-        world: &World,
-        lookouts: &[Lookout],
-        sheet: Sheet,
-    ) -> Result<(Vec<u8>, u32, f64), GpuError> {
+    /// Draws them. For one alone all light goes where there is no room.
+    fn draw(&mut self, world: &World, looks: &[Look<'_>], sheet: Sheet) -> Result<Drawn, GpuError> {
+        match self.draw_in_room(world, looks, sheet) {
+            Err(GpuError::OutOfMemory { .. }) if looks.len() == 1 => {
+                self.known.forget(&self.session)?;
+                self.draw_in_room(world, looks, sheet)
+            }
+            drawn => drawn,
+        }
+    }
+
+    fn draw_in_room(&mut self, world: &World, looks: &[Look<'_>], sheet: Sheet) -> Result<Drawn, GpuError> {
         let session = &self.session;
         let compiled = session.shader_seconds();
         let drawing = match &mut self.lookouts {
@@ -143,34 +184,28 @@ impl Ready {
             nothing => nothing.insert(Lookouts::new(session, &self.world)?),
         };
         self.shader_seconds += session.shader_seconds() - compiled;
-        let size = sheet.target_size(lookouts.len());
-        let target = match drawing.target.take() {
-            Some(target) if target.size() == size => target,
-            _ => session.target("what places see", size)?,
-        };
-        let target = &*drawing.target.insert(target);
+        let size = sheet.target_size(looks.len());
+        let target = session.target("what places see", size)?;
         let start = Instant::now();
         let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
-        let planes: Vec<GpuPlane> =
-            lookouts.iter().map(|lookout| GpuPlane::new(lookout, nearest_m)).collect();
+        let planes: Vec<GpuPlane> = looks.iter().map(|look| GpuPlane::new(look.lookout, nearest_m)).collect();
         let (mut names, mut draws): (Vec<[u32; 2]>, Vec<Draw>) = Default::default();
-        for (plane, lookout) in lookouts.iter().enumerate() {
-            for (instance, triangle_count) in self.triangle_counts.iter().enumerate() {
-                if *triangle_count > 0 && !is_behind(world, instance, lookout) {
-                    let (corner, number) = (sheet.corner(plane), names.len() as u32);
-                    names.push([plane as u32, instance as u32]);
-                    draws.push(Draw { corner, size: sheet.size, vertex_count: 3 * triangle_count, number });
-                }
+        for (plane, look) in looks.iter().enumerate() {
+            for instance in &look.shown {
+                let (corner, number) = (sheet.corner(plane), names.len() as u32);
+                names.push([plane as u32, *instance as u32]);
+                let vertex_count = 3 * self.triangle_counts[*instance];
+                draws.push(Draw { corner, size: sheet.size, vertex_count, number });
             }
         }
         let planes = session.buffer_of("planes", &planes)?;
         let names = session.buffer_of("draws", &names)?;
         let group = session.bind(&drawing.layout, &[&planes, &names])?;
         let mut batch = session.batch("what places see")?;
-        batch.draw(&drawing.pipeline, &[&drawing.trees, &drawing.scene, &group], target, &draws)?;
-        let words = batch.read_back_target(target)?;
+        batch.draw(&drawing.pipeline, &[&drawing.trees, &drawing.scene, &group], &target, &draws)?;
+        let words = batch.read_back_target(&target)?;
         batch.submit()?;
-        Ok((words.collect()?, size[0], start.elapsed().as_secs_f64()))
+        Ok(Drawn { words: words.collect()?, columns: size[0], seconds: start.elapsed().as_secs_f64() })
     }
 }
 
@@ -187,46 +222,54 @@ impl GpuScene {
         if lookouts.iter().any(|lookout| lookout.view.size() != size || !lookout.view.is_perspective) {
             return Err(GpuError::Failed { what: "only perspective views of one size are drawn".into() });
         }
-        let pixel_count = size.pixel_count();
-        let mut most = (TARGET_PIXELS_MAX / pixel_count).max(1);
+        let world = self.world();
         let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
-        let mut at_once = 1;
-        let mut hits = Vec::with_capacity(lookouts.len() * pixel_count);
-        while hits.len() < lookouts.len() * pixel_count {
-            let rest = &lookouts[hits.len() / pixel_count..];
-            let now = &rest[..rest.len().min(at_once)];
+        let mut most = (TARGET_PIXELS_MAX / size.pixel_count()).max(1);
+        // One is drawn first.
+        let mut work_max = 0;
+        let mut done = 0;
+        let mut hits = Vec::with_capacity(lookouts.len() * size.pixel_count());
+        while done < lookouts.len() {
+            let rest = lookouts[done..].iter().map(|lookout| Look::of(world, lookout));
+            let now = batch_of(rest, work_max, most);
             let sheet = Sheet::of([size.width(), size.height()], now.len());
-            let world = self.world();
-            let drawn = self.run(&mut *self.ready()?, |ready| ready.draw(world, now, sheet));
-            let (words, columns, seconds) = match drawn {
+            let drawn = self.ready().and_then(|mut held| {
+                self.run(&mut held, |ready| match ready.draw(world, &now, sheet) {
+                    // Nothing is half done then: what is on the card may stay.
+                    Err(error @ GpuError::OutOfMemory { .. }) => Ok(Err(error)),
+                    drawn => drawn.map(Ok),
+                })
+            });
+            let drawn = match drawn.flatten() {
                 Ok(drawn) => drawn,
                 Err(GpuError::Lost) if self.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => continue,
                 // Fewer may have room.
                 Err(GpuError::OutOfMemory { .. }) if now.len() > 1 => {
                     most = now.len() / 2;
-                    at_once = most;
                     continue;
                 }
                 Err(error) => return Err(error),
             };
             self.losses.store(0, Ordering::Relaxed);
-            if seconds > seconds_max {
-                at_once = (at_once / 2).max(1);
-            } else if seconds < seconds_max / 3.0 {
-                at_once = (2 * at_once).min(most);
+            let work: usize = now.iter().map(|look| look.work).sum();
+            if drawn.seconds > seconds_max {
+                work_max = work / 2;
+            } else if drawn.seconds < seconds_max / 3.0 {
+                work_max = work_max.max(2 * work);
             }
-            let of_lookout = |(number, lookout): (usize, &Lookout)| {
+            let of_lookout = |(number, look): (usize, &Look<'_>)| {
                 let [left, top] = sheet.corner(number);
                 let width = size.width();
                 let hit = |(pixel, ray)| {
                     let (x, y) = (left + pixel % width, top + pixel / width);
-                    let at = 16 * (y as usize * columns as usize + x as usize);
-                    hit_of(world, bytemuck::pod_read_unaligned(&words[at..at + 16]), &ray)
+                    let at = 16 * (y as usize * drawn.columns as usize + x as usize);
+                    hit_of(world, bytemuck::pod_read_unaligned(&drawn.words[at..at + 16]), &ray)
                 };
-                (0..).zip(lookout.rays()).map(hit).collect::<Vec<_>>()
+                (0..).zip(look.lookout.rays()).map(hit).collect::<Vec<_>>()
             };
-            let drawn: Vec<Vec<Option<Hit>>> = now.par_iter().enumerate().map(of_lookout).collect();
-            hits.extend(drawn.into_iter().flatten());
+            let of_batch: Vec<Vec<Option<Hit>>> = now.par_iter().enumerate().map(of_lookout).collect();
+            hits.extend(of_batch.into_iter().flatten());
+            done += now.len();
         }
         Ok(hits)
     }
@@ -240,7 +283,7 @@ fn hit_of(world: &World, words: [u32; 4], ray: &Ray) -> Option<Hit> {
     let [instance, triangle, b1, b2] = words;
     let placed = world.accel().instances().get(instance as usize)?;
     let corners = placed.mesh().triangles()[triangle as usize].map(|corner| placed.vertex_in_render(corner));
-    let met = meet(ray, corners).unwrap_or_else(|| {
+    let met = meet(ray, corners).filter(|[t, ..]| *t > 0.0).unwrap_or_else(|| {
         let [b1, b2] = [b1, b2].map(f32::from_bits);
         let t = (placed.surface_point(triangle, b1, b2).position - ray.origin).dot(ray.direction);
         [t, b1, b2]
@@ -249,6 +292,9 @@ fn hit_of(world: &World, words: [u32; 4], ray: &Ray) -> Option<Hit> {
     (t > 0.0).then_some(Hit { t, instance, triangle, b1, b2 })
 }
 
+/// Beside the walk's `accel/leaf.rs`, which knows that a ray hits and leaves out what rounding let in: the card has said that this pixel
+/// sees the triangle, so that its ray meets it, be it at the edge.
+///
 /// Distance along a unit direction, and the weights of the second and third corner, where the ray meets the plane of a triangle
 /// [Moller1997]; where that is beyond an edge, where the edge is. `None` where the triangle has no area as seen from there.
 pub(super) fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
@@ -267,4 +313,34 @@ pub(super) fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
     // Not where the plane is met: seen from the side that may be anywhere.
     let t = (a + ab * b1 + ac * b2).dot(direction);
     Some([t, b1, b2].map(|value| value as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{accel::TriangleId, film::PictureSize, scene::samples, technique::View};
+    use std::sync::Arc;
+
+    /// A batch takes no more than it may, but for one alone; cheap ones before dear ones do not make it grow.
+    #[test]
+    fn batches_are_as_large_as_their_work_allows() {
+        let world = World::prepare(Arc::new(samples::boxes().unwrap()));
+        let size = PictureSize::new(4, 4).unwrap();
+        let view = View::new(&world, &world.scene().camera_view(None).unwrap(), size);
+        let ahead = Lookout { view, left: TriangleId::NONE };
+        // Far behind all there is, looking away from it.
+        let mut away = view;
+        away.origin += 1e3 * view.back;
+        (away.right, away.back) = (-view.right, -view.back);
+        let away = Lookout { view: away, left: TriangleId::NONE };
+        let [dear, cheap] = [ahead, away].map(|lookout| Look::of(&world, &lookout).work);
+        assert!(cheap == 16 && dear > cheap, "{cheap} {dear}");
+        let lookouts = [away, away, ahead, away, ahead];
+        let count = |first: usize, work_max: usize, most: usize| {
+            batch_of(lookouts[first..].iter().map(|of| Look::of(&world, of)), work_max, most).len()
+        };
+        assert_eq!([count(0, 0, 9), count(2, 0, 9), count(0, 2 * cheap, 9)], [1, 1, 2]);
+        assert_eq!([count(0, 2 * cheap + dear, 9), count(0, 2 * cheap + dear - 1, 9)], [3, 2]);
+        assert_eq!([count(0, usize::MAX, 4), count(0, usize::MAX, 9)], [4, 5]);
+    }
 }

@@ -138,7 +138,7 @@ pub(super) struct Ready {
     /// Paths of pixels and of rays, each once they were asked for.
     pixels: Option<Paths>,
     rays: Option<Paths>,
-    known: KnownOnCard,
+    pub(super) known: KnownOnCard,
     /// What is drawn, once that was asked for.
     pub(super) lookouts: Option<Lookouts>,
     /// Of each instance.

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::{super::lookouts::meet, gathering::cabinet, textures::masked, *};
 use crate::{
-    accel::{Hit, Ray, TriangleId},
+    accel::{Hit, Ray, SurfacePoint, TriangleId},
     gpu::GpuOptions,
     scene::{Projection, samples},
     technique::{Lookout, irradiance::HemiPlane},
@@ -23,10 +23,7 @@ fn lookouts_of(shot: &Shot) -> [Vec<Lookout>; 2] {
     let few = View::new(&shot.world, &shot.camera, size(8, 6));
     let places = (0..48).filter_map(|pixel| {
         let ray = few.ray((pixel % 8) as f32 + 0.5, (pixel / 8) as f32 + 0.5);
-        let surface = shot.world.surface(&shot.world.closest_hit(&ray)?, ray.direction);
-        let n = surface.frame.n;
-        let n = if ray.direction.dot(n) > 0.0 { -n } else { n };
-        Some(Lookout::before(&surface.point, n, HemiPlane::HALF_SIDE as f32, size(16, 16)))
+        Lookout::before_what_is_met(&shot.world, &ray, HemiPlane::HALF_SIDE as f32, size(16, 16))
     });
     [vec![of_camera], places.collect()]
 }
@@ -75,6 +72,29 @@ fn planes_see_what_rays_meet() {
         }
     }
     assert!(elsewhere as f64 <= ELSEWHERE_MAX * pixels as f64, "{elsewhere} of {pixels}");
+}
+
+/// The triangle that is looked from is not seen where it lies in view, as under a tilted normal, and everything else is.
+#[test]
+fn what_is_looked_from_is_not_seen() {
+    let Some(gpu) = shared() else { return };
+    let shot = shot(samples::boxes().unwrap());
+    let view = View::new(&shot.world, &shot.camera, size(8, 6));
+    let ray = view.ray(4.0, 5.5);
+    let surface = shot.world.surface(&shot.world.closest_hit(&ray).unwrap(), ray.direction);
+    let (n, across) = (surface.frame.n, surface.frame.n.any_orthonormal_vector());
+    let point = SurfacePoint { position: surface.point.position + 0.01 * n, ..surface.point };
+    let tilted = (0.5 * n + 0.866 * across).normalize();
+    let left = Lookout::before(&point, tilted, HemiPlane::HALF_SIDE as f32, size(32, 32));
+    let whole = Lookout { left: TriangleId::NONE, ..left };
+    let scene = GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world));
+    let [without, with] = [left, whole].map(|lookout| scene.visible(&[lookout]).unwrap());
+    let itself = |hit: &Option<Hit>| hit.is_some_and(|hit| hit.triangle_id() == surface.point.on);
+    assert!(without.iter().filter(|hit| itself(hit)).count() == 0);
+    assert!(with.iter().filter(|hit| itself(hit)).count() > 100, "it does not lie in view");
+    for (without, with) in without.iter().zip(&with).filter(|(_, with)| !itself(with)) {
+        assert_eq!(without, with);
+    }
 }
 
 /// A ray that passes by a triangle meets its edge, from the side too, and one without area is not met.
