@@ -7,7 +7,7 @@ use super::{
         subject::Subject,
         table::{Cell, Cells, Column, Row, Table},
     },
-    BACKEND, CLEAN, CURVE, CURVES, ELAPSED, FRONT, PEER, SCENE, SETTINGS, TECHNIQUE,
+    BACKEND, CLEAN, CURVE, CURVES, ELAPSED, ERROR, FRONT, PEER, SCENE, SETTINGS, TECHNIQUE,
 };
 
 /// Errors whose price is said, percent.
@@ -33,22 +33,12 @@ fn copied(row: &Row, columns: &[Column]) -> Cells {
 
 /// Of every scene what has the least error for its time: no other is as good as soon.
 pub(super) fn front(notebook: &mut Notebook, subjects: &[Subject]) -> Result<(), ReportError> {
-    let columns = [SCENE, ELAPSED, TECHNIQUE, SETTINGS, CLEAN];
+    let columns = [SCENE, ELAPSED, TECHNIQUE, SETTINGS, ERROR, CLEAN];
     let about = "The Pareto front: nothing else had as little error as soon.";
     let rows: Vec<Cells> = subjects
         .iter()
         .flat_map(|subject| {
-            let mut rows = rows_of(notebook, &subject.name);
-            rows.sort_by(|a, b| {
-                let by = |row: &Row| (number(row, ELAPSED), number(row, CLEAN));
-                by(a).0.total_cmp(&by(b).0).then(by(a).1.total_cmp(&by(b).1))
-            });
-            let mut least = f64::INFINITY;
-            rows.retain(|row| {
-                let is_better = number(row, CLEAN) < least;
-                least = least.min(number(row, CLEAN));
-                is_better
-            });
+            let rows = on_front(rows_of(notebook, &subject.name));
             rows.into_iter().map(|row| copied(row, &columns)).collect::<Vec<_>>()
         })
         .collect();
@@ -58,6 +48,37 @@ pub(super) fn front(notebook: &mut Notebook, subjects: &[Subject]) -> Result<(),
         notebook.derive(&key, cells)?;
     }
     Ok(())
+}
+
+/// Rows that no other was as good as as soon, by time. Compared by errors with the reference's noise, which all of a scene share: without it
+/// those that cannot be told beside it are all the same.
+fn on_front(mut rows: Vec<&Row>) -> Vec<&Row> {
+    rows.sort_by(|a, b| {
+        let by = |row: &Row| (number(row, ELAPSED), number(row, ERROR));
+        by(a).0.total_cmp(&by(b).0).then(by(a).1.total_cmp(&by(b).1))
+    });
+    let mut least = f64::INFINITY;
+    rows.retain(|row| {
+        let is_better = number(row, ERROR) < least;
+        least = least.min(number(row, ERROR));
+        is_better
+    });
+    rows
+}
+
+/// Says so where errors of a scene cannot be told beside the noise of its reference.
+///
+/// - `least_percent`: that can
+pub(super) fn tell_what_cannot_be_told(notebook: &mut Notebook, scene: &str, least_percent: f64) {
+    // Both went through text on their way.
+    let is_hidden = |row: &&Row| number(row, CLEAN) <= least_percent * (1.0 + 1e-6);
+    let hidden = rows_of(notebook, scene).into_iter().filter(is_hidden).count();
+    if hidden > 0 {
+        notebook.note(format!(
+            "{scene}: beside the noise of its reference no error below {least_percent:.2} % can be told. Rows that stand there as that \
+             much, and may be less: {hidden}. A better reference, or a longer --time for one drawn here, tells them apart.",
+        ));
+    }
 }
 
 fn shown(cells: &Cells, column: Column) -> String {
@@ -122,6 +143,20 @@ mod tests {
     fn row(curve: &str, elapsed: f64, error: f64) -> Row {
         let cells = [(CURVE, Cell::from(curve)), (ELAPSED.key, elapsed.into()), (CLEAN.key, error.into())];
         Row { key: String::new(), cells: cells.map(|(key, cell)| (key.to_string(), cell)).into() }
+    }
+
+    /// Of rows that all stand at what can be told, those with less error are on the front, and only they.
+    #[test]
+    fn the_front_tells_errors_below_the_floor_apart() {
+        let with = |elapsed: f64, error: f64| {
+            let mut row = row("a", elapsed, 8.2);
+            row.cells.insert(ERROR.key.into(), error.into());
+            row
+        };
+        let rows = [with(0.526, 27.1), with(0.53, 23.6), with(1.0, 24.0), with(2.0, 23.5), with(4.0, 23.5)];
+        let front = on_front(rows.iter().collect());
+        let times: Vec<f64> = front.iter().map(|row| number(row, ELAPSED)).collect();
+        assert_eq!(times, [0.526, 0.53, 2.0]);
     }
 
     /// A price is where a curve first comes down to the error, along the curve, and the least of all curves.

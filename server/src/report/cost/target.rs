@@ -104,6 +104,11 @@ impl<'a> Target<'a> {
         (rel_mse - self.noise()).max(TOLD_APART * self.noise())
     }
 
+    /// √relMSE of the least that [`Target::clean`] tells.
+    pub(super) fn least_told(&self) -> f64 {
+        (TOLD_APART * self.noise()).sqrt()
+    }
+
     /// The same of what two pictures have in common; `None` where that is no more than the noise of the reference.
     pub(super) fn clean_systematic(&self, systematic: Option<f64>) -> Option<f64> {
         systematic
