@@ -4,8 +4,9 @@
 //! looked at again, edit by edit, to find the culprit. The contract's 422 "names op and field" comes from here.
 
 use crate::{
-    AddLight, AddMesh, AddNode, ClientMessage, Edit, EditBatch, LoadGltf, RemoveCamera, RemoveLight,
-    RemoveNode, ServerMessage, SetCamera, SetEnvironment, SetLight, SetMaterial, SetTransform,
+    Accuracy, AddLight, AddMesh, AddNode, CameraRequest, ClientHello, ClientMessage, Edit, EditBatch,
+    LoadGltf, Quality, RemoveCamera, RemoveLight, RemoveNode, ServerMessage, SetCamera, SetEnvironment,
+    SetLight, SetMaterial, SetTransform,
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -58,7 +59,9 @@ impl ClientMessage {
     /// Reads a text frame from a client.
     pub fn from_json(json: &str) -> Result<Self, ParseError> {
         serde_json::from_str(json).map_err(|error| {
-            culprit_among_edits(json.as_bytes()).unwrap_or_else(|| ParseError::of_text(&error))
+            culprit_among_edits(json.as_bytes())
+                .or_else(|| culprit_of_message(json))
+                .unwrap_or_else(|| ParseError::of_text(&error))
         })
     }
 
@@ -89,10 +92,7 @@ fn json_of<T: serde::Serialize>(message: &T) -> String {
 
 /// The first edit in a refused text that is to blame, if an edit is.
 fn culprit_among_edits(json: &[u8]) -> Option<ParseError> {
-    let text = std::str::from_utf8(json).ok()?;
-    let whole: Value =
-        serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_non_numbers_quoted(text))).ok()?;
-    let edits = match whole {
+    let edits = match whole_of(std::str::from_utf8(json).ok()?)? {
         Value::Array(edits) => edits,
         Value::Object(mut object) => match object.remove("edits")? {
             Value::Array(edits) => edits,
@@ -104,6 +104,26 @@ fn culprit_among_edits(json: &[u8]) -> Option<ParseError> {
         let (op, field, reason) = fault_of_edit(edit)?;
         Some(ParseError { op_index: Some(index), op, field, reason })
     })
+}
+
+/// All of a refused text, where it is JSON but for numbers that are none.
+fn whole_of(text: &str) -> Option<Value> {
+    serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_non_numbers_quoted(text))).ok()
+}
+
+/// The field that is to blame in a refused message about what is looked at and how.
+fn culprit_of_message(json: &str) -> Option<ParseError> {
+    let Value::Object(mut fields) = whole_of(json)? else { return None };
+    let Value::String(kind) = fields.remove("type")? else { return None };
+    let fields = Value::Object(fields);
+    let (field, reason) = match kind.as_str() {
+        "hello" => fault_of::<ClientHello>(fields),
+        "camera" => fault_of::<CameraRequest>(fields),
+        "quality" => fault_of::<Quality>(fields),
+        "accuracy" => fault_of::<Accuracy>(fields),
+        _ => None,
+    }?;
+    Some(ParseError { op_index: None, op: None, field, reason })
 }
 
 /// Op, field and reason of an edit that has the wrong shape; `None` for a good one.
@@ -249,6 +269,27 @@ mod tests {
             }
             let message = format!(r#"{{"type":"edit","request":1,"edits":[{edit}]}}"#);
             assert_eq!(ClientMessage::from_json(&message).unwrap_err().field.as_deref(), Some(field));
+        }
+    }
+
+    /// A message that is refused names its field, also where a number is none.
+    #[test]
+    fn refused_messages_name_their_field() {
+        for (message, field) in [
+            (r#"{"type":"hello","client":1,"version":"1"}"#, "client"),
+            (r#"{"type":"camera","stamp":1,"size":[4,"x"],"camera":"main"}"#, "size[1]"),
+            (r#"{"type":"camera","stamp":-1,"size":[4,4],"camera":"main"}"#, "stamp"),
+            (r#"{"type":"quality","jpeg_quality":"high"}"#, "jpeg_quality"),
+            (r#"{"type":"accuracy","irradiance_accuracy":"fine"}"#, "irradiance_accuracy"),
+            (r#"{"type":"accuracy","irradiance_accuracy":NaN}"#, "irradiance_accuracy"),
+            (r#"{"type":"accuracy","exactness":1}"#, "exactness"),
+        ] {
+            let error = ClientMessage::from_json(message).unwrap_err();
+            assert_eq!(error.field.as_deref(), Some(field), "{message}: {error}");
+            assert!(error.op_index.is_none() && error.to_string().contains(field), "{message}: {error}");
+        }
+        for message in [r#"{"type":"other"}"#, r#"{"client":"a"}"#, "[1]", r#"{"type":"#] {
+            assert_eq!(ClientMessage::from_json(message).unwrap_err().field, None, "{message}");
         }
     }
 

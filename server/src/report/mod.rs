@@ -269,6 +269,15 @@ pub enum ReportError {
         #[source]
         source: std::io::Error,
     },
+    /// An earlier report that could not be given another name.
+    #[error("keeping the earlier report {}: {source}; name another folder with --out", path.display())]
+    Aside {
+        /// Its file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: std::io::Error,
+    },
     /// A part of the report that could not be written as text.
     #[error("writing {what}: {reason}")]
     Text {
@@ -291,8 +300,6 @@ pub fn measure(job: &ReportJob) -> Result<Report, ReportError> {
 }
 
 fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> {
-    std::fs::create_dir_all(&job.out)
-        .map_err(|source| ReportError::Folder { path: job.out.clone(), source })?;
     let wanted: &[&str] = match job.question.paper() {
         Some(Paper::Octree) => &octree::SCENES,
         Some(Paper::LarsenMaps) => &crease::SCENES,
@@ -309,6 +316,8 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
     {
         return Err(ReportError::Twice { name: twice.1.name.clone() });
     }
+    // Before anything is written, and before hours are spent on those before it.
+    subjects.iter().try_for_each(Subject::check)?;
     let settings = match &job.question {
         Question::Paper(_) => serde_json::to_value(Settings { effort, subjects: &subjects }),
         Question::Cost(cost) => serde_json::to_value(cost::Settings::of(cost, &subjects)),
@@ -317,10 +326,10 @@ fn measure_with(job: &ReportJob, effort: Effort) -> Result<Report, ReportError> 
         settings.map_err(|error| ReportError::Text { what: "the settings", reason: error.to_string() })?;
     let mut notebook = Notebook::open(job, settings)?;
     for missing in left_out {
-        notebook.note(missing);
+        notebook.warn(missing);
     }
     if let Some(busy) = machine::busy() {
-        notebook.note(busy);
+        notebook.warn(busy);
     }
     match &job.question {
         Question::Cost(cost) => cost::measure(&mut notebook, &subjects, cost)?,

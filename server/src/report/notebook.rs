@@ -62,6 +62,9 @@ impl Report {
     }
 }
 
+/// Kinds of the files of a report.
+const FILES: [&str; 3] = ["json", "csv", "html"];
+
 /// Where report.json keeps rows of an earlier run until they are taken over.
 const EARLIER: &str = "earlier";
 
@@ -80,8 +83,11 @@ pub(super) struct Notebook {
 }
 
 impl Notebook {
-    /// An empty report of `settings`; says on standard error what is taken over from an earlier run.
+    /// An empty report of `settings` in the folder of `job`, which is made; says on standard error what is taken over from an earlier
+    /// run, and what becomes of another report that is there.
     pub(super) fn open(job: &ReportJob, settings: Value) -> Result<Notebook, ReportError> {
+        std::fs::create_dir_all(&job.out)
+            .map_err(|source| ReportError::Folder { path: job.out.clone(), source })?;
         let report = Report {
             version: env!("CARGO_PKG_VERSION"),
             paper: job.question.paper(),
@@ -94,7 +100,11 @@ impl Notebook {
             pictures: Vec::new(),
         };
         let path = job.out.join("report.json");
-        let earlier = rows_of(&path, &report).unwrap_or_default();
+        let same = rows_of(&path, &report);
+        if same.is_none() && path.exists() {
+            set_aside(&job.out)?;
+        }
+        let earlier = same.unwrap_or_default();
         if !earlier.is_empty() {
             eprintln!(
                 "{}: {} rows of the same version and settings are taken over; delete it to measure them again",
@@ -102,6 +112,7 @@ impl Notebook {
                 earlier.len()
             );
         }
+        eprintln!("A run that is stopped goes on where it was when it is started again with the same --out.");
         Ok(Notebook { report, out: job.out.clone(), earlier, taken_over: 0 })
     }
 
@@ -111,6 +122,13 @@ impl Notebook {
         if !self.report.notes.contains(&note) {
             self.report.notes.push(note);
         }
+    }
+
+    /// The same, said at once as well: what would be cause to stop.
+    pub(super) fn warn(&mut self, note: impl Into<String>) {
+        let note = note.into();
+        eprintln!("{note}");
+        self.note(note);
     }
 
     /// The folder of the report.
@@ -211,6 +229,25 @@ impl Notebook {
         );
         Ok(self.report)
     }
+}
+
+/// Gives the report of a folder a name that none has: what it says was measured, and is not lost to another.
+fn set_aside(folder: &Path) -> Result<(), ReportError> {
+    let named = |number: u32, kind: &str| folder.join(format!("report-{number}.{kind}"));
+    let is_free = |number: &u32| !FILES.iter().any(|kind| named(*number, kind).exists());
+    let number = (1..u32::MAX).find(is_free).unwrap_or(u32::MAX);
+    for kind in FILES {
+        let path = folder.join(format!("report.{kind}"));
+        if path.exists() {
+            std::fs::rename(&path, named(number, kind))
+                .map_err(|source| ReportError::Aside { path, source })?;
+        }
+    }
+    eprintln!(
+        "the report that was in {} is of other scenes, settings, version or machine: it is kept as report-{number}.html, .csv and .json",
+        folder.display()
+    );
+    Ok(())
 }
 
 /// Rows of an earlier report that would be measured the same way again. What cannot be read is measured anew.

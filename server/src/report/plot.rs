@@ -8,8 +8,8 @@ use plotters::{
         types::RangedCoordf64,
     },
     prelude::{
-        Cartesian2d, ChartBuilder, ChartContext, Circle, IntoDrawingArea, IntoLogRange, LineSeries, RGBColor,
-        SVGBackend, ShapeStyle, WHITE,
+        Cartesian2d, ChartBuilder, ChartContext, Circle, IntoDrawingArea, IntoLogRange, LineSeries, LogCoord,
+        RGBColor, SVGBackend, ShapeStyle, WHITE,
     },
 };
 
@@ -17,6 +17,8 @@ use super::ReportError;
 
 /// Picture size, CSS pixels.
 const SIZE: (u32, u32) = (720, 420);
+/// Factor from one end of an axis to the other from which on powers of ten label it.
+const DECADES_FROM: f64 = 30.0;
 
 /// Colours that people who see few colours can tell apart [Okabe, Ito 2008].
 const COLOURS: [RGBColor; 7] = [
@@ -82,16 +84,15 @@ impl Plot {
     pub(super) fn svg(&self) -> Result<Option<String>, ReportError> {
         let points = || self.curves.iter().flat_map(|curve| &curve.points);
         let Some([x, y]) = bounds(points().copied()) else { return Ok(None) };
-        // Room for points at the border: a factor where factors count.
-        let y = (y[0] / 1.5)..(y[1] * 1.5);
         let mut text = String::new();
         let drawn = match self.x_axis {
             Axis::Linear => {
-                let room = 0.05 * (x[1] - x[0]).max(1e-6);
+                // A single place is in the middle of labels.
+                let room = if x[1] > x[0] { 0.05 * (x[1] - x[0]) } else { 0.5 * x[0].abs().max(1e-6) };
                 let x: RangedCoordf64 = (x[0] - room..x[1] + room).into();
-                self.draw(&mut text, x, y.log_scale())
+                self.draw(&mut text, x, by_factors(y, 1.5))
             }
-            Axis::Logarithmic => self.draw(&mut text, (x[0] / 1.2..x[1] * 1.2).log_scale(), y.log_scale()),
+            Axis::Logarithmic => self.draw(&mut text, by_factors(x, 1.2), by_factors(y, 1.5)),
         };
         drawn.map_err(|reason| ReportError::Text { what: "a plot", reason })?;
         // Inside HTML an SVG needs no name of its own; without it the page holds no address at all.
@@ -113,7 +114,7 @@ impl Plot {
             self.curves.iter().flat_map(|curve| &curve.points).map(|(x, _)| *x).collect();
         places.sort_by(f64::total_cmp);
         places.dedup();
-        let x_labels = places.len().clamp(2, 10);
+        let x_labels = places.len().clamp(3, 10);
         area.fill(&WHITE).map_err(|error| fail(error.to_string()))?;
         let mut chart = ChartBuilder::on(&area)
             .caption(&self.title, ("sans-serif", 18))
@@ -161,6 +162,16 @@ where
     Ok(())
 }
 
+/// An axis in equal factors, with room at either end, and labels at powers of two where few of ten lie on it: it has none but at powers.
+///
+/// - `room`: a factor; more around points that are all alike, so that two labels stand there
+fn by_factors([least, most]: [f64; 2], room: f64) -> LogCoord<f64> {
+    let room = if most / least < 2.0 { room.max(2.0) } else { room };
+    let range = least / room..most * room;
+    let base = if range.end / range.start < DECADES_FROM { 2.0 } else { 10.0 };
+    range.log_scale().base(base).into()
+}
+
 /// Least and most of x and y.
 fn bounds(points: impl Iterator<Item = (f64, f64)>) -> Option<[[f64; 2]; 2]> {
     points.fold(None, |bounds, (x, y)| {
@@ -204,6 +215,24 @@ mod tests {
         }
         let empty = Plot { title: "".into(), x: "", y: "", x_axis: Axis::Linear, curves: Vec::new() };
         assert_eq!(empty.svg().unwrap(), None);
+    }
+
+    /// However few points there are and wherever they lie, both axes are labelled with more than one number.
+    #[test]
+    fn axes_are_labelled_whatever_is_on_them() {
+        for value in [0.003, 0.07, 0.99, 1.0, 1.01, 3.0, 5.3, 9.99, 47.0, 616_000.0] {
+            for x_axis in [Axis::Linear, Axis::Logarithmic] {
+                for points in [vec![(value, value)], vec![(value, value), (1.9 * value, 2.1 * value)]] {
+                    let curve = Curve { name: "a".into(), points, by_paper: false, colour: 0 };
+                    let plot = Plot { title: "t".into(), x: "x", y: "y", x_axis, curves: vec![curve] };
+                    let svg = plot.svg().unwrap().unwrap();
+                    let words = svg.split("<text").skip(1).filter_map(|text| text.split(['>', '<']).nth(1));
+                    let labels =
+                        words.filter(|word| word.trim().starts_with(|c: char| c.is_ascii_digit())).count();
+                    assert!(labels >= 4, "{labels} labels at {value}, {x_axis:?}: {svg}");
+                }
+            }
+        }
     }
 
     /// Labels have no more digits than they need.

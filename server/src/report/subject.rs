@@ -155,6 +155,26 @@ impl Subject {
         Subject { name, source, content, references, reference_content }
     }
 
+    /// Its file is there and is a scene that can be read.
+    pub(super) fn check(&self) -> Result<(), ReportError> {
+        self.load().map(|_| ())
+    }
+
+    fn load(&self) -> Result<Arc<Scene>, ReportError> {
+        let broken = |source| ReportError::Scene { name: self.name.clone(), source: Box::new(source) };
+        Ok(self.source.load().map_err(broken)?.scene)
+    }
+
+    /// A picture that is called like a reference of this scene, and is of another.
+    pub(super) fn namesake(&self, camera: &str) -> Option<PathBuf> {
+        let path = self.reference_path(&format!("{}-{camera}", self.name));
+        (!self.has_references() && path.is_file()).then_some(path)
+    }
+
+    fn reference_path(&self, name: &str) -> PathBuf {
+        self.references.join(format!("{name}.exr"))
+    }
+
     /// Built-in scenes have no references: what is called like one is another.
     fn has_references(&self) -> bool {
         matches!(self.source, SceneSource::File(_))
@@ -163,7 +183,7 @@ impl Subject {
     /// Reads the scene and its reference.
     pub(super) fn prepare(&self) -> Result<Prepared, ReportError> {
         let broken = |source| ReportError::Scene { name: self.name.clone(), source: Box::new(source) };
-        let scene = self.source.load().map_err(broken)?.scene;
+        let scene = self.load()?;
         let camera = find_camera(&scene, None).map_err(broken)?;
         let reference = match camera {
             Some((camera, _)) => self.reference(camera)?,
@@ -188,8 +208,7 @@ impl Subject {
     /// The pair of pictures of a camera; both or none.
     fn reference(&self, camera: &str) -> Result<Option<(PictureSize, Reference)>, ReportError> {
         let name = format!("{}-{camera}", self.name);
-        let [full, direct] =
-            [&name, &format!("{name}-direct")].map(|name| self.references.join(format!("{name}.exr")));
+        let [full, direct] = [&name, &format!("{name}-direct")].map(|name| self.reference_path(name));
         if !(self.has_references() && full.is_file() && direct.is_file()) {
             return Ok(None);
         }
@@ -207,7 +226,7 @@ impl Subject {
     /// The picture of a camera alone, with the √relMSE of its noise where that is known.
     pub(super) fn full_reference(&self, camera: &str) -> Result<Option<FullReference>, ReportError> {
         let name = format!("{}-{camera}", self.name);
-        let path = self.references.join(format!("{name}.exr"));
+        let path = self.reference_path(&name);
         if !(self.has_references() && path.is_file()) {
             return Ok(None);
         }

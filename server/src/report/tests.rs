@@ -265,3 +265,38 @@ fn missing_scenes_are_named() {
     );
     assert_eq!((subjects.len(), left_out.len()), (1, 2));
 }
+
+/// Another report in the same folder replaces none; one that is broken is kept too; what cannot be measured leaves no folder.
+#[test]
+fn an_earlier_report_of_something_else_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let open = |paper, settings: i32| {
+        super::Notebook::open(&job(paper, &out), settings.into()).unwrap().finish().unwrap()
+    };
+    let names = || {
+        let entries = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name());
+        let mut names: Vec<String> = entries.map(|name| name.into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    let files = ["report.csv", "report.html", "report.json"].map(String::from);
+    open(Paper::Octree, 1);
+    open(Paper::Octree, 1);
+    assert_eq!(names(), files, "the same report goes on where it was");
+    let first = std::fs::read(out.join("report.json")).unwrap();
+    open(Paper::Octree, 2);
+    assert_eq!(std::fs::read(out.join("report-1.json")).unwrap(), first);
+    std::fs::write(out.join("report.json"), "{").unwrap();
+    open(Paper::Caustics, 2);
+    assert_eq!(std::fs::read_to_string(out.join("report-2.json")).unwrap(), "{");
+    assert_eq!(names().len(), 9, "{:?}", names());
+
+    let missing = ReportJob {
+        scenes: vec![SceneSource::File(folder.path().join("none.glb"))],
+        ..job(Paper::Octree, &folder.path().join("other"))
+    };
+    let error = measure_with(&missing, LITTLE).unwrap_err();
+    assert!(error.to_string().contains("none"), "{error}");
+    assert!(!missing.out.exists());
+}

@@ -7,11 +7,13 @@ use super::{
         subject::Subject,
         table::{Cell, Cells, Column, Row, Table},
     },
-    BACKEND, CLEAN, CURVE, CURVES, ELAPSED, ERROR, FRONT, PEER, SCENE, SETTINGS, TECHNIQUE,
+    BACKEND, CLEAN, CURVE, CURVES, ELAPSED, ERROR, FRONT, PEER, SCENE, SETTINGS, SYSTEMATIC, TECHNIQUE,
 };
 
 /// Errors whose price is said, percent.
 const TARGETS_PERCENT: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
+/// Systematic error of all techniques from which on the reference is doubted: none is so wrong, and path tracing is not wrong at all.
+const DOUBTED_PERCENT: f64 = 20.0;
 const TARGET: Column = Column::given("target_percent", "error, %");
 const SECONDS: Column = Column::here("seconds", "after", "s");
 
@@ -79,6 +81,27 @@ pub(super) fn tell_what_cannot_be_told(notebook: &mut Notebook, scene: &str, lea
              much, and may be less: {hidden}. A better reference, or a longer --time for one drawn here, tells them apart.",
         ));
     }
+}
+
+/// Says so where what a scene is compared with can hardly be a picture of it: nothing that was drawn came near, and what is left
+/// is no noise.
+pub(super) fn doubt_reference(notebook: &mut Notebook, scene: &str) {
+    if let Some(percent) = least_in_common(&rows_of(notebook, scene)).filter(|least| *least > DOUBTED_PERCENT)
+    {
+        notebook.warn(format!(
+            "{scene}: all pictures differ from the reference by {percent:.0} % or more that no other seed would remove. Is it a picture of \
+             this scene, as it is now, from its first camera?"
+        ));
+    }
+}
+
+/// The least systematic error of some rows, percent; `None` where that of one may be chance.
+fn least_in_common(rows: &[&Row]) -> Option<f64> {
+    let of = |row: &&Row| row.cells.get(SYSTEMATIC.key).and_then(Cell::value);
+    rows.iter().map(of).try_fold(None, |least: Option<f64>, of| {
+        let of = of?;
+        Some(Some(least.map_or(of, |least| least.min(of))))
+    })?
 }
 
 fn shown(cells: &Cells, column: Column) -> String {
@@ -157,6 +180,23 @@ mod tests {
         let front = on_front(rows.iter().collect());
         let times: Vec<f64> = front.iter().map(|row| number(row, ELAPSED)).collect();
         assert_eq!(times, [0.526, 0.53, 2.0]);
+    }
+
+    /// A reference is doubted by what all pictures have in common that is not in it, and by nothing that may be chance.
+    #[test]
+    fn what_all_pictures_lack_is_least_of_all_rows() {
+        let with = |systematic: Option<f64>| {
+            let mut row = row("a", 1.0, 50.0);
+            row.cells.insert(SYSTEMATIC.key.into(), systematic.into());
+            row
+        };
+        let of = |all: &[Option<f64>]| {
+            let rows: Vec<Row> = all.iter().map(|systematic| with(*systematic)).collect();
+            least_in_common(&rows.iter().collect::<Vec<_>>())
+        };
+        assert_eq!(of(&[Some(45.0), Some(44.0), Some(60.0)]), Some(44.0));
+        assert_eq!(of(&[Some(45.0), None]), None);
+        assert_eq!(of(&[]), None);
     }
 
     /// A price is where a curve first comes down to the error, along the curve, and the least of all curves.

@@ -55,6 +55,13 @@ impl<'a> Target<'a> {
         if given.is_none() && !own.is_file() {
             notebook.forget(&subject.name);
         }
+        if let Some(path) = prepared.camera.as_deref().and_then(|camera| subject.namesake(camera)) {
+            notebook.warn(format!(
+                "{}: the scene is built in, and {} is of a file of that name: a reference is drawn here instead",
+                subject.name,
+                path.display()
+            ));
+        }
         let hides = hides_light(&prepared);
         if given.is_none() && hides {
             notebook.note(format!(
