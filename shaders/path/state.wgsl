@@ -87,7 +87,8 @@ struct Counters {
     /// All of the slice.
     rays: u32,
     shadow_rays: u32,
-    padding_0: u32,
+    /// What photons left behind, with what had no place.
+    kept: atomic<u32>,
 }
 
 /// What is focused on surfaces holds all light by way of mirrors and glass that falls there; else what is not found without it.
@@ -144,4 +145,5 @@ fn begin_counting() {
     atomicStore(&counters.next_shadow_count, 0u);
     counters.rays = 0u;
     counters.shadow_rays = 0u;
+    atomicStore(&counters.kept, 0u);
 }

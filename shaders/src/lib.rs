@@ -13,7 +13,8 @@ mod tests;
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
-    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PLANES,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
+    PHOTONS_FLY, PLANES,
 };
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
@@ -31,6 +32,8 @@ pub static STEPS: &[&Step] = &[
     &GATHER_SHADE,
     &GATHER_SHADE_BY_OCTREE,
     &GATHER_OCCLUDED,
+    &PHOTONS_BEGIN,
+    &PHOTONS_FLY,
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.
@@ -68,6 +71,8 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("ROULETTE_FREE_BOUNCES", Constant::U32(2)),
     ("SURVIVAL_MAX", Constant::F32(0.998)),
     ("LIKE_COS", Constant::F32(0.3)),
+    ("PHOTON_SURVIVAL_MAX", Constant::F32(0.99)),
+    ("STRAIGHT_COS", Constant::F32(0.999_99)),
 ];
 
 /// A file of WGSL, of which steps are made.

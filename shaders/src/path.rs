@@ -21,6 +21,11 @@ static STATE: Part = Part { name: "path/state", source: include_str!("../path/st
 static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
 static RAY: Part = Part { name: "path/ray", source: include_str!("../path/ray.wgsl") };
 
+static PHOTON: Part = Part { name: "photons/photon", source: include_str!("../photons/photon.wgsl") };
+
+static BEGIN_PHOTON_ENTRY: Part =
+    Part { name: "photons/begin", source: include_str!("../photons/begin.wgsl") };
+static FLY_ENTRY: Part = Part { name: "photons/fly", source: include_str!("../photons/fly.wgsl") };
 static PLANES_ENTRIES: Part = Part { name: "path/planes", source: include_str!("../path/planes.wgsl") };
 static BEGIN_ENTRY: Part = Part { name: "path/begin", source: include_str!("../path/begin.wgsl") };
 static BEGIN_RAY_ENTRY: Part =
@@ -105,6 +110,22 @@ pub static GATHER_OCCLUDED: Step = Step {
     name: "gather/occluded",
     entry_point: "occluded",
     parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &RAY, &OCCLUDED_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// Begins a path with every photon of a slice of those that are sent out.
+pub static PHOTONS_BEGIN: Step = Step {
+    name: "photons/begin",
+    entry_point: "begin",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &PHOTON, &BEGIN_PHOTON_ENTRY],
+    workgroup_size: [64, 1, 1],
+};
+
+/// What photons leave behind where they have arrived, and how they go on.
+pub static PHOTONS_FLY: Step = Step {
+    name: "photons/fly",
+    entry_point: "fly",
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &TREE, &STATE, &PHOTON, &FLY_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 

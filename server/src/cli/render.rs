@@ -335,7 +335,7 @@ impl<'a> Job<'a> {
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
             technique: rendering.technique_name(&picture),
-            backend: if rendering.gpu_passes() + rendering.gpu_gathered_rays() > 0 { "gpu" } else { "cpu" },
+            backend: if rendering.gpu_work() > 0 { "gpu" } else { "cpu" },
             adapter: self.drawn_on.adapter().map(|report| report.name),
             threads: self.pool.current_num_threads(),
             seed: self.args.seed,

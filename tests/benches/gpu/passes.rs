@@ -1,5 +1,5 @@
 //! Whole passes of a picture, one sample a pixel: path tracing alone, and direct light that asks the light octree, records of
-//! irradiance or photons of caustics for the rest; and light gathered along rays for records.
+//! irradiance or photons of caustics for the rest; photons; and light gathered along rays for records.
 
 use std::{
     error::Error,
@@ -17,9 +17,10 @@ use lumicast_engine::{
         caustics::{CausticSettings, Caustics},
         irradiance::{IrradianceCaching, IrradianceSettings},
         path::{
-            ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuScene, PathSettings, PathTracer, View,
+            ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathSettings, PathTracer, View,
             rays_over_a_picture,
         },
+        photons::{PhotonSettings, PhotonTracing},
     },
 };
 
@@ -35,6 +36,8 @@ const WARM_UP_PASSES: usize = 4;
 
 /// Records that are looked up: as many as the issue of splatting counts in.
 const RECORDS: usize = 4_000;
+/// Photons that all lights send out.
+const PHOTONS: u32 = 200_000;
 
 /// What a pass takes.
 struct Pass {
@@ -78,6 +81,7 @@ pub(crate) fn measure(
         }
     }
 
+    carry(subject, &scene, rounds, figures)?;
     let (known, learning_seconds) = drawing.learn();
     let mut learning = Figure::new("light octree: learning", Unit::Seconds, f64::NAN);
     (learning.gpu_wall, learning.cpu) = (None, Some(learning_seconds));
@@ -108,6 +112,39 @@ pub(crate) fn measure(
     let [on_card, on_cpu] = drawing.gather(&scene, &known, rounds)?;
     let figure = Figure::new("gathering for records", Unit::MillionPathsPerSecond, on_card);
     figures.push(Figure { cpu: Some(on_cpu), ..figure });
+    Ok(())
+}
+
+/// Photons from their lights to their ends, with all that is kept of them.
+fn carry(
+    subject: &Subject,
+    scene: &Arc<GpuScene>,
+    rounds: usize,
+    figures: &mut SceneFigures<'_>,
+) -> Result<(), Box<dyn Error>> {
+    let settings = PhotonSettings { emitted_count: PHOTONS, ..PhotonSettings::default() };
+    let card = Arc::new(GpuPhotons::new(Arc::clone(scene)));
+    let rate = |tracing: &mut PhotonTracing| {
+        let seconds = tracing.trace_all(&subject.world);
+        tracing.paths().path_count() as f64 * 1e-6 / seconds
+    };
+    let (mut on_card, mut on_cpu) = (Vec::new(), Vec::new());
+    // The first finds out how many go at once.
+    for round in 0..=rounds {
+        let mut tracing = PhotonTracing::new(settings);
+        tracing.carry_by(Arc::clone(&card) as _);
+        let of_card = rate(&mut tracing);
+        if let Some(error) = card.failure() {
+            return Err(error.into());
+        }
+        let of_cpu = rate(&mut PhotonTracing::new(settings));
+        if round > 0 {
+            on_card.push(of_card);
+            on_cpu.push(of_cpu);
+        }
+    }
+    let figure = Figure::new("photons", Unit::MillionPathsPerSecond, median(on_card));
+    figures.push(Figure { cpu: Some(median(on_cpu)), ..figure });
     Ok(())
 }
 

@@ -113,7 +113,7 @@ pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Ren
     let mut rendering = Rendering::learning_by((world.clone(), light), view, size, settings);
     if let (Backend::Gpu, Some(gpu)) = (backend, gpu()) {
         let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(world)));
-        rendering.draw_and_gather_on(scene);
+        rendering.draw_and_learn_on(scene);
     }
     let (start, never) = (Instant::now(), AtomicBool::new(false));
     let mut steps = 0;

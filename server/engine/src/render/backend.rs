@@ -18,7 +18,7 @@ use crate::{
     technique::{
         ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
         path::{
-            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, PathTracer, Shading,
+            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathTracer, Shading,
             rays_over_a_picture,
         },
     },
@@ -139,8 +139,8 @@ const RATE_KNOWN_SECONDS: f64 = 0.05;
 pub(super) struct OnGpu {
     scene: Arc<GpuScene>,
     drawing: GpuPathTracer,
-    /// Where it has records of its own.
-    gathering: Option<Gathering>,
+    /// Where it learns of its light by itself.
+    learning: Option<LearningOnCard>,
     /// For the path-traced film beside it.
     tracing: Option<GpuPathTracer>,
     /// What the CPU traced beside, and the seconds that took.
@@ -148,12 +148,25 @@ pub(super) struct OnGpu {
     cpu_seconds: f64,
 }
 
-/// What gathers the light of records.
+/// What carries photons and gathers the light of records.
 #[derive(Debug)]
-struct Gathering {
+struct LearningOnCard {
+    photons: Arc<GpuPhotons>,
     gatherer: Arc<GpuGatherer>,
-    /// Rays of it that were taken note of.
-    noted: u64,
+    /// Of them that were taken note of.
+    noted_photons: u64,
+    noted_rays: u64,
+}
+
+impl LearningOnCard {
+    fn failure(&self) -> Option<GpuError> {
+        self.photons.failure().or_else(|| self.gatherer.failure())
+    }
+
+    fn stop(&self) {
+        self.photons.stop();
+        self.gatherer.stop();
+    }
 }
 
 impl OnGpu {
@@ -178,9 +191,9 @@ impl OnGpu {
     }
 
     fn failure(&self) -> Option<GpuError> {
-        let of_gathering = || self.gathering.as_ref()?.gatherer.failure();
+        let of_learning = || self.learning.as_ref()?.failure();
         let of_tracing = || self.tracing.as_ref()?.failure().cloned();
-        self.drawing.failure().cloned().or_else(of_gathering).or_else(of_tracing)
+        self.drawing.failure().cloned().or_else(of_learning).or_else(of_tracing)
     }
 }
 
@@ -201,6 +214,9 @@ impl RenderSettings {
             // Path tracing, before anything is known and beside that.
             scene.make_ready(Shading { asked: None, is_focused: is_hidden })?;
         }
+        if learnt.is_some() {
+            scene.make_ready_for_photons()?;
+        }
         if learnt == Some(Learnt::Records) {
             // With a bound on scatterings nobody is asked: see `Learner`.
             scene.make_ready_to_gather(self.bounces_max.is_none())?;
@@ -215,23 +231,26 @@ impl Rendering {
     /// - `scene`: of the same world
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) {
         let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
-        let on_gpu = OnGpu { drawing, gathering: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
+        let on_gpu = OnGpu { drawing, learning: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
         self.gpu = Some(Box::new(on_gpu));
         self.gpu_failure = None;
     }
 
-    /// Draws on a card, and if the picture has records of its own, gathers their light there as well. Call it before the first
-    /// [`Rendering::step`]; whoever draws for others at the same time does not want to wait for that.
+    /// Draws on a card, and if the picture learns of its light by itself, carries its photons and gathers the light of its records
+    /// there as well. Call it before the first [`Rendering::step`]; whoever draws for others at the same time does not want to wait
+    /// for that.
     ///
     /// - `scene`: of the same world
-    pub fn draw_and_gather_on(&mut self, scene: Arc<GpuScene>) {
+    pub fn draw_and_learn_on(&mut self, scene: Arc<GpuScene>) {
         self.draw_on(Arc::clone(&scene));
-        let gathers = self.learnt == Some(Learnt::Records);
-        let learner = self.learner.as_mut().filter(|_| gathers);
-        let (Some(learner), Some(gpu)) = (learner, &mut self.gpu) else { return };
+        let (Some(learner), Some(gpu)) = (&mut self.learner, &mut self.gpu) else { return };
+        let photons = Arc::new(GpuPhotons::new(Arc::clone(&scene)));
+        learner.carry_by(Arc::clone(&photons) as _);
         let gatherer = Arc::new(GpuGatherer::new(scene));
-        learner.gather_on(Arc::clone(&gatherer));
-        gpu.gathering = Some(Gathering { gatherer, noted: 0 });
+        if self.learnt == Some(Learnt::Records) {
+            learner.gather_on(Arc::clone(&gatherer));
+        }
+        gpu.learning = Some(LearningOnCard { photons, gatherer, noted_photons: 0, noted_rays: 0 });
     }
 
     /// Light is looked up for it, which a card must have room for.
@@ -241,8 +260,8 @@ impl Rendering {
 
     /// Goes on by the CPU.
     pub fn leave_gpu(&mut self) {
-        if let Some(gathering) = self.gpu.take().and_then(|gpu| gpu.gathering) {
-            gathering.gatherer.stop();
+        if let Some(learning) = self.gpu.take().and_then(|gpu| gpu.learning) {
+            learning.stop();
         }
     }
 
@@ -271,6 +290,16 @@ impl Rendering {
         self.gpu_gathered_rays
     }
 
+    /// Photons that a card carried.
+    pub fn gpu_carried_photons(&self) -> u64 {
+        self.gpu_carried_photons
+    }
+
+    /// Passes, rays and photons of a card: nothing where it did nothing.
+    pub fn gpu_work(&self) -> u64 {
+        self.gpu_passes + self.gpu_gathered_rays + self.gpu_carried_photons
+    }
+
     /// The scene on the card that it is drawn on.
     pub fn gpu_scene(&self) -> Option<&Arc<GpuScene>> {
         self.gpu.as_ref().map(|gpu| &gpu.scene)
@@ -282,12 +311,13 @@ impl Rendering {
     pub(super) fn note_learning(&mut self, rays: u64, start: Instant, shader_seconds: f64) {
         let Some(gpu) = self.gpu.as_mut() else { return };
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shader_seconds);
-        if let Some(Gathering { gatherer, noted }) = &mut gpu.gathering {
-            let gathered = gatherer.ray_count();
-            let is_by_card = gathered > *noted;
-            self.gpu_gathered_rays += gathered - *noted;
-            *noted = gathered;
-            if is_by_card || gatherer.failure().is_some() {
+        if let Some(learning) = &mut gpu.learning {
+            let (carried, gathered) = (learning.photons.photon_count(), learning.gatherer.ray_count());
+            let is_by_card = carried > learning.noted_photons || gathered > learning.noted_rays;
+            self.gpu_carried_photons += carried - learning.noted_photons;
+            self.gpu_gathered_rays += gathered - learning.noted_rays;
+            (learning.noted_photons, learning.noted_rays) = (carried, gathered);
+            if is_by_card || learning.failure().is_some() {
                 self.count_gpu_work(rays, seconds);
                 return;
             }

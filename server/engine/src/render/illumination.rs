@@ -11,7 +11,7 @@ use crate::{
         Counts, Edit, MAPPED, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceSettings,
         octree::{OctreeBuilding, OctreeSettings},
-        photons::{EditCounts, PhotonSettings, PhotonTracing, ProbeCounts},
+        photons::{EditCounts, PhotonCarrier, PhotonSettings, PhotonTracing, ProbeCounts},
     },
     transport::World,
 };
@@ -133,6 +133,8 @@ pub struct Illumination {
     /// The first of [`ROUNDS`], so many of them.
     round_count: usize,
     photons: PhotonTracing,
+    /// What carries them, if not the CPU.
+    carrier: Option<Arc<dyn PhotonCarrier>>,
     octree: OctreeBuilding,
     /// The round, by its place in [`ROUNDS`].
     round: usize,
@@ -175,6 +177,7 @@ impl Illumination {
             settings,
             round_count,
             photons,
+            carrier: None,
             octree,
             round: 0,
             photon_divisor: ROUNDS[0].photon_divisor,
@@ -189,6 +192,12 @@ impl Illumination {
             generation: 0,
             edit_counts: EditCounts::default(),
         }
+    }
+
+    /// Photons are carried from now on, as long as that is done.
+    pub fn carry_by(&mut self, carrier: Arc<dyn PhotonCarrier>) {
+        self.photons.carry_by(Arc::clone(&carrier));
+        self.carrier = Some(carrier);
     }
 
     /// One bounded piece of work on the rayon pool it is called in; true when [`Illumination::known`] has become better.
@@ -355,6 +364,7 @@ impl Illumination {
         if !is_first {
             self.photons = PhotonTracing::adding_to(fewer, photons);
         }
+        self.carrier.iter().for_each(|carrier| self.photons.carry_by(Arc::clone(carrier)));
         self.octree = OctreeBuilding::new(octree);
         self.products.photons = None;
     }

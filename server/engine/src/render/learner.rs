@@ -16,6 +16,7 @@ use super::{
 use crate::technique::{
     ArrivingLight,
     path::{ArrivingByGpu, GpuGatherer},
+    photons::PhotonCarrier,
 };
 use crate::{
     film::PictureSize,
@@ -139,6 +140,12 @@ impl Learner {
             #[cfg(feature = "gpu")]
             gatherer: None,
         }
+    }
+
+    /// Photons are carried from now on. Call it before the first [`Learner::step`].
+    #[cfg(feature = "gpu")]
+    pub(super) fn carry_by(&mut self, carrier: Arc<dyn PhotonCarrier>) {
+        self.illumination.iter_mut().for_each(|of| of.carry_by(Arc::clone(&carrier)));
     }
 
     /// Gathers the light of records to come on a card, and more of them together. Call it before the first [`Learner::step`].

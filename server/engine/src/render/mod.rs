@@ -226,6 +226,9 @@ pub struct Rendering {
     gpu_passes: u64,
     #[cfg(feature = "gpu")]
     gpu_gathered_rays: u64,
+    /// Photons that a card carried.
+    #[cfg(feature = "gpu")]
+    gpu_carried_photons: u64,
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
     /// What stands for them in the first pass.
@@ -337,6 +340,8 @@ impl Rendering {
             gpu_passes: 0,
             #[cfg(feature = "gpu")]
             gpu_gathered_rays: 0,
+            #[cfg(feature = "gpu")]
+            gpu_carried_photons: 0,
             learnt,
             looked_up,
             caustics,

@@ -7,7 +7,7 @@ use crate::{
 };
 
 /// Cosine between a surface and its bent normal from which on it is not bent.
-const STRAIGHT_COS: f32 = 1.0 - 1e-5;
+pub(crate) const STRAIGHT_COS: f32 = 1.0 - 1e-5;
 
 /// A photon between two surfaces.
 #[derive(Clone, Copy, Debug)]

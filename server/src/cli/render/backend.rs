@@ -89,7 +89,7 @@ impl DrawnOn {
     /// Takes the picture there.
     pub(super) fn take(&self, rendering: &mut Rendering) {
         if let DrawnOn::Gpu(scene) = self {
-            rendering.draw_and_gather_on(scene.clone());
+            rendering.draw_and_learn_on(scene.clone());
         }
     }
 

@@ -4,7 +4,7 @@
 //! backends add to one film. What differs is rounding (a card may fuse and reorder), which moves a few paths in ten thousand
 //! to another side of a decision.
 //!
-//! The same paths begin with rays that light is gathered along (`gather.rs`). Steps (`shaders/path`), for a slice:
+//! The same paths begin with rays that light is gathered along (`gather.rs`), and photons go through like steps (`photons.rs`). Steps (`shaders/path`), for a slice:
 //! `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths keep their place, one a pixel;
 //! queues hold the places of those that go on, so that later scatterings cost by what is left of them. How many are
 //! left is read now and then only: steps take their size from a buffer that `turn` writes.
@@ -15,7 +15,9 @@
 mod gather;
 mod known;
 mod lookouts;
+mod photons;
 mod scene;
+mod slices;
 mod step_clock;
 #[cfg(test)]
 mod tests;
@@ -29,6 +31,7 @@ use rayon::prelude::*;
 
 pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
+pub use photons::GpuPhotons;
 pub use scene::GpuScene;
 pub use step_clock::StepSeconds;
 
@@ -115,7 +118,7 @@ pub(super) struct GpuCounters {
     next_shadow_count: u32,
     rays: u32,
     shadow_rays: u32,
-    padding_0: u32,
+    kept: u32,
 }
 
 /// A pass that was begun.
@@ -182,12 +185,8 @@ impl GpuPathTracer {
             let path_count = wanted.min(capacity);
             tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
         })?;
-        begun.samples.extend(
-            slice
-                .samples
-                .chunks_exact(SAMPLE_BYTES as usize)
-                .map(bytemuck::pod_read_unaligned::<GpuPixelSample>),
-        );
+        let samples = slice.brought.chunks_exact(SAMPLE_BYTES as usize);
+        begun.samples.extend(samples.map(bytemuck::pod_read_unaligned::<GpuPixelSample>));
         self.slice = self.scene.slice_after(self.slice, wanted, slice.first_seconds);
         Ok(slice.counts)
     }

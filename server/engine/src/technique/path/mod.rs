@@ -35,7 +35,8 @@ use rayon::prelude::*;
 pub use gauge::{Gauge, SampleCost};
 #[cfg(feature = "gpu")]
 pub use gpu::{
-    ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuScene, Shading, StepSeconds, rays_over_a_picture,
+    ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, Shading, StepSeconds,
+    rays_over_a_picture,
 };
 pub use view::{Lookout, View};
 

@@ -10,6 +10,7 @@
 //! **Unbiased** as flux: hits are samples of the flux that arrives at surfaces. What is read from them by density estimates
 //! is biased, see there.
 
+mod carrier;
 mod guide;
 mod passed;
 mod paths;
@@ -28,14 +29,16 @@ use std::{
 use rayon::prelude::*;
 
 pub use self::{
+    carrier::{CarriedPhotons, KeptPhoton, PhotonCarrier, SentPhoton},
     paths::{PhotonHit, PhotonPath, PhotonPaths},
     selective::{EditCounts, ProbeCounts},
-    trace::FluxTally,
+    trace::{FluxTally, PHOTON_SURVIVAL_MAX},
 };
 
 use self::{
+    carrier::Sent,
     passed::CoarseGrid,
-    paths::{Block, BlockName, SourcePhotons},
+    paths::{BLOCK, Block, BlockName, SourcePhotons},
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
@@ -75,7 +78,7 @@ impl Default for PhotonSettings {
 /// Blocks traced in one step: 16,384 photons, some 10 ms on two threads.
 const STEP_BLOCKS: usize = 256;
 
-/// Photon tracing on the CPU, on the rayon pool it is called in.
+/// Photon tracing, on the rayon pool it is called in; by a [`PhotonCarrier`] from surface to surface where there is one.
 #[derive(Debug)]
 pub struct PhotonTracing {
     settings: PhotonSettings,
@@ -90,6 +93,7 @@ pub struct PhotonTracing {
     stale: selective::Stale,
     edit_counts: EditCounts,
     probe: selective::Probe,
+    carrier: Option<Arc<dyn PhotonCarrier>>,
 }
 
 static CARD: Card = Card { name: "photons", classes: &[], bias: Bias::Unbiased };
@@ -107,7 +111,13 @@ impl PhotonTracing {
             stale: selective::Stale::everything(),
             edit_counts: EditCounts::default(),
             probe: selective::Probe::default(),
+            carrier: None,
         }
+    }
+
+    /// Photons are carried from now on, as long as that is done.
+    pub fn carry_by(&mut self, carrier: Arc<dyn PhotonCarrier>) {
+        self.carrier = Some(carrier);
     }
 
     /// Nothing traced yet but what `fewer` has traced: photons of the same name are the same however many there are.
@@ -208,14 +218,30 @@ impl PhotonTracing {
 
     /// Traces some of what is pending.
     fn trace_some(&mut self, world: &World) -> Counts {
-        let some = self.take_pending(STEP_BLOCKS);
+        let at_once = self.carrier.as_ref().and_then(|carrier| carrier.photons_at_once());
+        let blocks = at_once.map_or(STEP_BLOCKS, |photons| (photons / BLOCK as usize).max(1));
+        let some = self.take_pending(blocks);
+        let sent = at_once.and_then(|_| self.send(world, &some));
         let paths = &self.paths;
         let tracer = PhotonTracer { world, grid: &paths.grid, bounces_max: self.settings.bounces_max };
+        let of_block = |index: usize, (name, which): (BlockName, u64)| match &sent {
+            None => trace_block(paths, (name, which), |photons, number, hits, tally| {
+                tracer.trace(&photons.source, &photons.sequence, number, hits, tally)
+            }),
+            Some(sent) => {
+                let mut own = sent.of_block(index);
+                trace_block(paths, (name, which), |_, _, hits, tally| match own.next().flatten() {
+                    Some((emitted, kept)) => tracer.follow(emitted, kept, hits, tally),
+                    None => PhotonTracer::nothing(hits),
+                })
+            }
+        };
         let traced: Vec<(BlockName, u64, Block, TraceTally)> = some
-            .into_par_iter()
-            .map(|(name, which)| {
-                let (block, tally) = trace_block(&tracer, paths, name, which);
-                (name, which, block, tally)
+            .par_iter()
+            .enumerate()
+            .map(|(index, (name, which))| {
+                let (block, tally) = of_block(index, (*name, *which));
+                (*name, *which, block, tally)
             })
             .collect();
         let (mut rays, mut piloted) = (0, Vec::new());
@@ -230,6 +256,23 @@ impl PhotonTracing {
         piloted.dedup();
         piloted.into_iter().for_each(|source| self.guide(source));
         Counts { rays, ..Counts::default() }
+    }
+
+    /// Has the photons carried that blocks name; `None` where that is not done.
+    fn send(&self, world: &World, some: &[(BlockName, u64)]) -> Option<Sent> {
+        let emitted_by = |(name, which): &(BlockName, u64)| {
+            let photons = &self.paths.sources[name.source as usize];
+            let named = photons.numbers(*name).enumerate().filter(|(index, _)| which >> index & 1 != 0);
+            let emit = |(_, number)| {
+                let emitted = world.emit(&photons.source, &photons.sequence.emission(number))?;
+                Some(SentPhoton { emitted, key: photons.sequence.key(), number })
+            };
+            named.map(emit).collect::<Vec<_>>()
+        };
+        let emitted: Vec<Vec<Option<SentPhoton>>> = some.par_iter().map(emitted_by).collect();
+        let sent: Vec<SentPhoton> = emitted.iter().flatten().flatten().copied().collect();
+        let carried = self.carrier.as_ref()?.carry(world, &sent, self.settings.bounces_max)?;
+        Some(Sent::new(emitted, carried))
     }
 
     /// Makes maps of what is traced.
@@ -251,12 +294,11 @@ impl PhotonTracing {
     }
 }
 
-/// Traces the paths of a block that `which` names and takes over the others.
+/// Traces the paths of a block that `which` names, in order, and takes over the others.
 fn trace_block(
-    tracer: &PhotonTracer<'_>,
     paths: &PhotonPaths,
-    name: BlockName,
-    which: u64,
+    (name, which): (BlockName, u64),
+    mut trace: impl FnMut(&SourcePhotons, u32, &mut Vec<PhotonHit>, &mut TraceTally) -> (PhotonPath, u64),
 ) -> (Block, TraceTally) {
     let photons = &paths.sources[name.source as usize];
     let before = paths.block(name);
@@ -273,7 +315,7 @@ fn trace_block(
                 block.hits.extend_from_slice(before.hits_of(index));
                 (PhotonPath { first_hit, ..*path }, before.passed[index])
             }
-            _ => tracer.trace(&photons.source, &photons.sequence, number, &mut block.hits, &mut tally),
+            _ => trace(photons, number, &mut block.hits, &mut tally),
         };
         block.paths.push(path);
         block.passed.push(passed);

@@ -7,6 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
+    carrier::KeptPhoton,
     passed::CoarseGrid,
     sequence::{STRATA, Sequence, name_key},
     trace::FluxTally,
@@ -15,7 +16,7 @@ use crate::{
     accel::Hit,
     math::{Rgb, octahedral},
     technique::{FallenPhoton, MAPPED, TriangleSide},
-    transport::{PathClass, Source, SourceName, Surface},
+    transport::{PathClass, Source, SourceName, Surface, World},
 };
 
 /// Photons of a block, the piece that is traced, kept and changed as one.
@@ -66,6 +67,21 @@ impl PhotonHit {
             triangle: hit.triangle,
             direction: octahedral::encode(towards_light),
             place: hit.instance << MARK_BITS | marks,
+        }
+    }
+
+    /// Of what a carrier kept.
+    ///
+    /// - `place`: index of the instance and marks, as here
+    pub(super) fn kept(world: &World, kept: &KeptPhoton, place: u32) -> PhotonHit {
+        let [b1, b2] = kept.barycentric;
+        let placed = &world.accel().instances()[(place >> MARK_BITS) as usize];
+        PhotonHit {
+            position: placed.surface_point(kept.triangle, b1, b2).position,
+            weight: kept.weight,
+            triangle: kept.triangle,
+            direction: octahedral::encode(-kept.direction),
+            place,
         }
     }
 
@@ -355,6 +371,15 @@ impl PhotonPaths {
     /// Photons that would have been emitted if no light were [thinned out](super::PhotonTracing).
     pub fn full_count(&self) -> u64 {
         self.sources.iter().map(|photons| u64::from(photons.count)).sum()
+    }
+
+    /// Every photon's path and what it reached, in order.
+    pub fn each(&self) -> impl Iterator<Item = (&PhotonPath, &[PhotonHit])> {
+        let of_block = |(_, block): (f32, _)| {
+            let block: &Block = block;
+            (0..block.paths.len()).map(move |index| (&block.paths[index], block.hits_of(index)))
+        };
+        self.each_block().flat_map(of_block)
     }
 
     /// Hits kept.

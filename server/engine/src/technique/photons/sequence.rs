@@ -99,6 +99,11 @@ impl Sequence {
         EmissionNumbers { direction, position, side }
     }
 
+    /// What the numbers of its scatterings depend on beside: for twins of [`Sequence::four`].
+    pub(super) fn key(&self) -> u64 {
+        self.key
+    }
+
     /// Numbers of photon `number` at its scattering `bounce` ≥ 1.
     pub(super) fn four(&self, bounce: u32, number: u32) -> [f32; 4] {
         point(self.key.wrapping_add(u64::from(bounce + 1).wrapping_mul(GOLDEN)), number)

@@ -1,7 +1,5 @@
 //! One photon from its light to its end.
 
-use glam::Vec3;
-
 use super::{
     passed::CoarseGrid,
     paths::{PhotonHit, PhotonPath},
@@ -111,7 +109,7 @@ impl PhotonTracer<'_> {
     ) -> (PhotonPath, u64) {
         let first_hit = hits.len() as u32;
         let Some(emitted) = self.world.emit(source, &sequence.emission(number)) else {
-            return (PhotonPath::from(Vec3::ZERO, first_hit), 0);
+            return PhotonTracer::nothing(hits);
         };
         let mut journey = Journey {
             flight: Flight::begin(emitted.ray, emitted.weight),
@@ -169,7 +167,7 @@ impl PhotonTracer<'_> {
 /// Highest chance of going on. Where no light is lost a photon is kept at every surface it meets until chance ends it, after 100
 /// in the mean; a lower chance would turn the light of bright rooms into few, ever heavier photons: their second moment grows
 /// by ρ² over the chance with every surface.
-const SURVIVAL_MAX: f32 = 0.99;
+pub const PHOTON_SURVIVAL_MAX: f32 = 0.99;
 
 /// Draws where the photon goes on; false when it is absorbed.
 fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
@@ -177,7 +175,7 @@ fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f
     let Some(drawn) = flight.draw(surface, [*lobe, *u, *v]) else { return false };
     let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
     // Roulette by how much luminance is left: power stays nearly the same, but where next to nothing is lost.
-    let survives = (next.weight.luminance() / flight.weight.luminance()).min(SURVIVAL_MAX);
+    let survives = (next.weight.luminance() / flight.weight.luminance()).min(PHOTON_SURVIVAL_MAX);
     if !(survives > 0.0) || *survival >= survives {
         return false;
     }

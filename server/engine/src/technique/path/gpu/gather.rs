@@ -5,7 +5,7 @@
 //! back, ray by ray: sums and decisions stay with whoever gathers.
 
 use std::sync::{
-    Arc, Mutex,
+    Arc,
     atomic::{AtomicBool, Ordering},
 };
 
@@ -13,23 +13,21 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::{
-    BOUNCES_END, GpuPassHeader, GpuScene, LOSSES_MAX, PathTracer, View,
+    BOUNCES_END, GpuPassHeader, GpuScene, PathTracer, View,
     known::LightBeside,
     primary_ray,
-    tracing::{PathStart, RAY_SAMPLE_BYTES, SLICE_MIN},
+    slices::Slices,
+    tracing::{PathStart, RAY_SAMPLE_BYTES},
 };
 use crate::{
     accel::{Hit, Ray},
     film::PictureSize,
-    gpu::{GpuError, locked},
+    gpu::GpuError,
     math::{Frame, Rgb, sobol::PixelSampler, warp},
     technique::{Arrived, ArrivingLight, Counts, GatherRay},
     transport::{PathClass, World},
 };
 
-/// Rays asked for at once, over those of a slice: while one slice is on the card others wait, so that slices are as large as they
-/// may be.
-const SLICES_AT_ONCE: usize = 2;
 /// Numbers of rays over a picture: what it sees, where they go, what they meet.
 const SEEN_SEQUENCE: u32 = 0;
 const DIRECTION_SEQUENCE: u32 = 1;
@@ -123,48 +121,36 @@ enum Nothing {
 #[derive(Debug)]
 pub struct GpuGatherer {
     scene: Arc<GpuScene>,
-    state: Mutex<State>,
-}
-
-#[derive(Debug)]
-struct State {
-    /// Rays of the next slice.
-    slice: u32,
-    ray_count: u64,
-    /// It gathers no more.
-    is_over: bool,
-    failure: Option<GpuError>,
+    slices: Slices,
 }
 
 impl GpuGatherer {
     /// On the card that a scene is on.
     pub fn new(scene: Arc<GpuScene>) -> GpuGatherer {
-        let state = State { slice: SLICE_MIN, ray_count: 0, is_over: false, failure: None };
-        GpuGatherer { scene, state: Mutex::new(state) }
+        GpuGatherer { scene, slices: Slices::new() }
     }
 
     /// Leaves everything to the CPU from now on.
     pub fn stop(&self) {
-        locked(&self.state).is_over = true;
+        self.slices.stop();
     }
 
     /// Why it gathers no more.
     pub fn failure(&self) -> Option<GpuError> {
-        locked(&self.state).failure.clone()
+        self.slices.failure()
     }
 
     /// Rays along which it has gathered.
     pub fn ray_count(&self) -> u64 {
-        locked(&self.state).ray_count
+        self.slices.path_count()
     }
 
     /// How many are best asked for together; 1 where the card does nothing.
     fn rays_at_once(&self) -> usize {
-        let state = locked(&self.state);
-        if state.is_over { 1 } else { SLICES_AT_ONCE * state.slice as usize }
+        self.slices.at_once().unwrap_or(1)
     }
 
-    /// A slice, as often as devices are lost under it.
+    /// A slice.
     fn slice(&self, tracer: &PathTracer, rays: &[GatherRay]) -> Result<(Vec<Arrived>, Counts), GpuError> {
         let rays: Vec<GpuGatherRay> = rays.par_iter().map(GpuGatherRay::new).collect();
         let settings = &tracer.settings;
@@ -178,29 +164,17 @@ impl GpuGatherer {
         // In powers of two, so that a few more rays than before do not need other places.
         let room = rays.len().next_power_of_two();
         let light = LightBeside { known: tracer.secondary.as_ref(), focused: None };
-        loop {
-            let traced = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
-                tracing.write_rays(&rays)?;
+        let slice = self.scene.through_losses(|| {
+            self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
+                tracing.write_starts(&rays)?;
                 tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
-            });
-            match traced {
-                Ok(slice) => {
-                    self.scene.losses.store(0, Ordering::Relaxed);
-                    {
-                        let mut state = locked(&self.state);
-                        state.slice =
-                            self.scene.slice_after(state.slice, header.path_count, slice.first_seconds);
-                        state.ray_count += u64::from(header.path_count);
-                    }
-                    // Not with the lock held: a thread that waits here for others may begin to gather for other points.
-                    let samples = slice.samples.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
-                    let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);
-                    return Ok((samples.map(|sample| sample.arrived()).collect(), slice.counts));
-                }
-                Err(GpuError::Lost) if self.scene.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => {}
-                Err(error) => return Err(error),
-            }
-        }
+            })
+        })?;
+        self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
+        // Not with a lock held: a thread that waits here for others may begin to gather for other points.
+        let samples = slice.brought.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
+        let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);
+        Ok((samples.map(|sample| sample.arrived()).collect(), slice.counts))
     }
 
     fn along(
@@ -212,13 +186,7 @@ impl GpuGatherer {
     ) -> Result<Vec<Arrived>, Nothing> {
         let mut arrived = Vec::with_capacity(rays.len());
         while arrived.len() < rays.len() {
-            let (slice, is_over) = {
-                let state = locked(&self.state);
-                (state.slice as usize, state.is_over)
-            };
-            if is_over {
-                return Err(Nothing::Over);
-            }
+            let Some(slice) = self.slices.next() else { return Err(Nothing::Over) };
             if cancel.load(Ordering::Relaxed) {
                 return Err(Nothing::Cancelled);
             }
@@ -228,11 +196,7 @@ impl GpuGatherer {
                     arrived.extend(of_slice);
                     *counts += counts_of_slice;
                 }
-                Err(error) => {
-                    let mut state = locked(&self.state);
-                    state.is_over = true;
-                    state.failure = Some(error);
-                }
+                Err(error) => self.slices.fail(error),
             }
         }
         Ok(arrived)

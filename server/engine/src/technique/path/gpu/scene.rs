@@ -17,9 +17,10 @@ use crate::{
     technique::{
         LIKE_COS,
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+        photons::PHOTON_SURVIVAL_MAX,
     },
     transport::{
-        TEXTURE_FLAGS, World, WorldBuffers,
+        STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
 };
@@ -102,6 +103,8 @@ impl GpuWorld {
             ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
             ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
             ("LIKE_COS", Constant::F32(LIKE_COS)),
+            ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
+            ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
         ];
         constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
         constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
@@ -135,9 +138,8 @@ impl GpuWorld {
 pub(super) struct Ready {
     pub(super) session: Arc<Session>,
     pub(super) world: GpuWorld,
-    /// Paths of pixels and of rays, each once they were asked for.
-    pixels: Option<Paths>,
-    rays: Option<Paths>,
+    /// By [`PathStart`], each once they were asked for.
+    paths: [Option<Paths>; PathStart::COUNT],
     pub(super) known: KnownOnCard,
     /// What is drawn, once that was asked for.
     pub(super) lookouts: Option<Lookouts>,
@@ -154,8 +156,7 @@ impl Ready {
         Ok(Ready {
             session,
             world,
-            pixels: None,
-            rays: None,
+            paths: Default::default(),
             known,
             lookouts: None,
             triangle_counts: packed.triangle_counts.clone(),
@@ -177,11 +178,7 @@ impl Ready {
     fn add_places(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
-        let paths = match from {
-            PathStart::Pixels => &mut self.pixels,
-            PathStart::Rays => &mut self.rays,
-        };
-        let paths = match paths {
+        let paths = match &mut self.paths[from as usize] {
             Some(paths) => paths,
             nothing => nothing.insert(Paths::new(session, world, from, capacity)?),
         };
@@ -194,11 +191,7 @@ impl Ready {
     fn prepare(&mut self, from: PathStart, shading: Shading) -> Result<(), GpuError> {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
-        let paths = match from {
-            PathStart::Pixels => &mut self.pixels,
-            PathStart::Rays => &mut self.rays,
-        };
-        let Some(paths) = paths else { return Err(unprepared()) };
+        let Some(paths) = &mut self.paths[from as usize] else { return Err(unprepared()) };
         let mut first_seconds = 0.0;
         if paths.be_able_to(session, world, &self.known, shading)? {
             first_seconds = Tracing { session, world, paths, known: &self.known, shading }.use_first()?;
@@ -209,11 +202,7 @@ impl Ready {
 
     /// What traces such paths; after [`Ready::prepare`].
     fn tracing(&self, from: PathStart, shading: Shading) -> Result<Tracing<'_>, GpuError> {
-        let paths = match from {
-            PathStart::Pixels => &self.pixels,
-            PathStart::Rays => &self.rays,
-        };
-        let paths = paths.as_ref().ok_or_else(unprepared)?;
+        let paths = self.paths[from as usize].as_ref().ok_or_else(unprepared)?;
         Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading })
     }
 }
@@ -293,6 +282,13 @@ impl GpuScene {
     pub fn make_ready_to_gather(&self, asks: bool) -> Result<(), GpuError> {
         let asked = asks.then_some(Asked::Octree);
         self.prepare(PathStart::Rays, Shading { asked, is_focused: false })
+    }
+
+    /// The same for carrying photons.
+    ///
+    /// Errors: what the card does not do.
+    pub fn make_ready_for_photons(&self) -> Result<(), GpuError> {
+        self.prepare(PathStart::Photons, Shading { asked: None, is_focused: false })
     }
 
     fn prepare(&self, from: PathStart, shading: Shading) -> Result<(), GpuError> {

@@ -10,6 +10,7 @@ mod layouts;
 mod lights;
 mod lookouts;
 mod materials;
+mod photons;
 mod textures;
 
 use std::{

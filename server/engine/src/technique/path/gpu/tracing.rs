@@ -1,20 +1,23 @@
 //! Paths on a card: places for those of a slice, the steps they go through, and how a slice is traced.
 //!
 //! Paths begin at pixels, or with rays that light is gathered along. Both go through the same steps; what differs is how they
-//! begin, what they bring, and that the former see shadows of what is near and the latter look past it.
+//! begin, what they bring, and that the former see shadows of what is near and the latter look past it. Photons share all but
+//! what happens at surfaces, and send no shadow rays.
 
 use std::{sync::Arc, time::Instant};
 
-use bytemuck::Zeroable;
+use bytemuck::{NoUninit, Zeroable};
 use lumicast_shaders::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
-    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, Step as Shader,
+    PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
+    PHOTONS_FLY, Step as Shader,
 };
 
 use super::{
     GpuCounters, GpuPassHeader, GpuPixelSample,
     gather::{GpuGatherRay, GpuRaySample},
     known::{Asked, KnownOnCard, Shading},
+    photons::{GpuKeptPhoton, GpuSentPhoton, KEPT_PER_PHOTON},
     scene::GpuWorld,
 };
 use crate::{
@@ -42,6 +45,8 @@ pub(super) const SHADOW_BYTES: u64 = 80;
 pub(super) const SAMPLE_BYTES: u64 = size_of::<GpuPixelSample>() as u64;
 pub(super) const RAY_SAMPLE_BYTES: u64 = size_of::<GpuRaySample>() as u64;
 const RAY_BYTES: u64 = size_of::<GpuGatherRay>() as u64;
+const PHOTON_BYTES: u64 = size_of::<GpuSentPhoton>() as u64;
+const KEPT_BYTES: u64 = size_of::<GpuKeptPhoton>() as u64;
 const QUEUE_BYTES: u64 = 4;
 pub(super) const DISPATCH_BYTES: u64 = 32;
 /// Where the sizes of shadow rays begin in the buffer of sizes.
@@ -54,17 +59,23 @@ pub(super) enum PathStart {
     Pixels,
     /// With rays that light is gathered along.
     Rays,
+    /// At lights.
+    Photons,
 }
 
 impl PathStart {
+    /// How many there are.
+    pub(super) const COUNT: usize = 3;
+
     fn begin(self) -> &'static Shader {
         match self {
             PathStart::Pixels => &PATH_BEGIN,
             PathStart::Rays => &GATHER_BEGIN,
+            PathStart::Photons => &PHOTONS_BEGIN,
         }
     }
 
-    /// `None`: records are not gathered from records.
+    /// `None`: records are not gathered from records, and photons ask nobody.
     fn shade(self, asked: Option<Asked>) -> Option<&'static Shader> {
         match (self, asked) {
             (PathStart::Pixels, None) => Some(&PATH_SHADE),
@@ -72,14 +83,17 @@ impl PathStart {
             (PathStart::Pixels, Some(Asked::Records)) => Some(&PATH_SHADE_BY_RECORDS),
             (PathStart::Rays, None) => Some(&GATHER_SHADE),
             (PathStart::Rays, Some(Asked::Octree)) => Some(&GATHER_SHADE_BY_OCTREE),
-            (PathStart::Rays, Some(Asked::Records)) => None,
+            (PathStart::Photons, None) => Some(&PHOTONS_FLY),
+            (PathStart::Rays, Some(Asked::Records)) | (PathStart::Photons, Some(_)) => None,
         }
     }
 
-    fn occluded(self) -> &'static Shader {
+    /// `None`: nothing asks for shadows.
+    fn occluded(self) -> Option<&'static Shader> {
         match self {
-            PathStart::Pixels => &PATH_OCCLUDED,
-            PathStart::Rays => &GATHER_OCCLUDED,
+            PathStart::Pixels => Some(&PATH_OCCLUDED),
+            PathStart::Rays => Some(&GATHER_OCCLUDED),
+            PathStart::Photons => None,
         }
     }
 
@@ -88,6 +102,7 @@ impl PathStart {
         match self {
             PathStart::Pixels => 2,
             PathStart::Rays => 1,
+            PathStart::Photons => 0,
         }
     }
 
@@ -95,6 +110,16 @@ impl PathStart {
         match self {
             PathStart::Pixels => SAMPLE_BYTES,
             PathStart::Rays => RAY_SAMPLE_BYTES,
+            PathStart::Photons => KEPT_PER_PHOTON * KEPT_BYTES,
+        }
+    }
+
+    /// Of what paths begin with; `None` at pixels, which the header tells.
+    fn start_bytes(self) -> Option<u64> {
+        match self {
+            PathStart::Pixels => None,
+            PathStart::Rays => Some(RAY_BYTES),
+            PathStart::Photons => Some(PHOTON_BYTES),
         }
     }
 }
@@ -106,7 +131,7 @@ struct Places {
     samples: Buffer,
     counters: Buffer,
     /// What they begin with, and its group.
-    rays: Option<(Buffer, BindGroup)>,
+    starts: Option<(Buffer, BindGroup)>,
     /// Kept for as long as the group that binds them.
     _others: Vec<Buffer>,
     group: BindGroup,
@@ -120,7 +145,9 @@ impl Places {
         let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
         let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
         let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
-        let shadows = session.buffer_zeroed("shadow rays", count * from.shadow_rays_max() * SHADOW_BYTES)?;
+        // Steps see one at least.
+        let shadow_count = (count * from.shadow_rays_max()).max(1);
+        let shadows = session.buffer_zeroed("shadow rays", shadow_count * SHADOW_BYTES)?;
         let samples = session.buffer_zeroed("samples", count * from.sample_bytes())?;
         let queues = session.buffer_zeroed("queues", count * (2 + from.shadow_rays_max()) * QUEUE_BYTES)?;
         let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
@@ -135,20 +162,20 @@ impl Places {
         ])?;
         let group =
             session.bind(&layout, &[&header, &paths, &hits, &shadows, &samples, &queues, &counters])?;
-        let rays = match from {
-            PathStart::Pixels => None,
-            PathStart::Rays => {
-                let rays = session.buffer_zeroed("rays", count * RAY_BYTES)?;
-                let group = session.bind(&*rays_layout(session)?, &[&rays])?;
-                Some((rays, group))
+        let starts = match from.start_bytes() {
+            None => None,
+            Some(bytes) => {
+                let starts = session.buffer_zeroed("starts", count * bytes)?;
+                let group = session.bind(&*starts_layout(session)?, &[&starts])?;
+                Some((starts, group))
             }
         };
         let others = vec![paths, hits, shadows, queues];
-        Ok(Places { header, samples, counters, rays, _others: others, group, layout, capacity })
+        Ok(Places { header, samples, counters, starts, _others: others, group, layout, capacity })
     }
 }
 
-fn rays_layout(session: &Session) -> Result<Arc<Layout>, GpuError> {
+fn starts_layout(session: &Session) -> Result<Arc<Layout>, GpuError> {
     session.layout(&[Binding::Read])
 }
 
@@ -162,7 +189,7 @@ pub(super) struct Paths {
     begin: Arc<Pipeline>,
     closest: Arc<Pipeline>,
     turn: Arc<Pipeline>,
-    occluded: Arc<Pipeline>,
+    occluded: Option<Arc<Pipeline>>,
     /// By [`Shading::index`]; each compiled when it is first needed.
     shades: [Option<Arc<Pipeline>>; Shading::COUNT],
 }
@@ -181,18 +208,18 @@ impl Paths {
         let layouts = [&*world.trees_layout, &*world.layout, &*places.layout];
         let pipeline = |step: &'static Shader| session.pipeline(step, &world.constants, &layouts);
         let turn_layouts = [&*world.trees_layout, &*world.layout, &*places.layout, &*sizes_layout];
-        let begin = match from {
-            PathStart::Pixels => pipeline(from.begin())?,
-            PathStart::Rays => {
-                let rays = rays_layout(session)?;
-                let layouts = [&layouts[..], &[&*rays]].concat();
+        let begin = match from.start_bytes() {
+            None => pipeline(from.begin())?,
+            Some(_) => {
+                let starts = starts_layout(session)?;
+                let layouts = [&layouts[..], &[&*starts]].concat();
                 session.pipeline(from.begin(), &world.constants, &layouts)?
             }
         };
         Ok(Paths {
             begin,
             closest: pipeline(&PATH_CLOSEST)?,
-            occluded: pipeline(from.occluded())?,
+            occluded: from.occluded().map(pipeline).transpose()?,
             turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
             from,
             places,
@@ -224,7 +251,7 @@ impl Paths {
         }
         let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, &*known.layout];
         let constants = world.constants_of_shade(self.from, shading);
-        let no_such = || GpuError::Failed { what: "light is not gathered from records".into() };
+        let no_such = || GpuError::Failed { what: "such paths do not ask for that light".into() };
         let shader = self.from.shade(shading.asked).ok_or_else(no_such)?;
         *shade = Some(session.pipeline(shader, &constants, &layouts)?);
         Ok(true)
@@ -261,9 +288,9 @@ impl<'a> Tracing<'a> {
     }
 
     /// Hands over what the next slice begins with.
-    pub(super) fn write_rays(self, rays: &[GpuGatherRay]) -> Result<(), GpuError> {
-        match &self.paths.places.rays {
-            Some((buffer, _)) => self.session.write(buffer, 0, bytemuck::cast_slice(rays)),
+    pub(super) fn write_starts<T: NoUninit>(self, starts: &[T]) -> Result<(), GpuError> {
+        match &self.paths.places.starts {
+            Some((buffer, _)) => self.session.write(buffer, 0, bytemuck::cast_slice(starts)),
             None => Ok(()),
         }
     }
@@ -275,7 +302,7 @@ impl<'a> Tracing<'a> {
     /// The first step of a slice.
     pub(super) fn begin(self, batch: &mut Batch, workgroups: [u32; 3]) -> Result<(), GpuError> {
         let mut groups = self.groups().to_vec();
-        groups.extend(self.paths.places.rays.as_ref().map(|(_, group)| group));
+        groups.extend(self.paths.places.starts.as_ref().map(|(_, group)| group));
         batch.dispatch(&self.paths.begin, &groups, workgroups)
     }
 
@@ -315,7 +342,12 @@ impl<'a> Tracing<'a> {
 
     /// The shadow rays of a scattering, once it is known how many there are.
     pub(super) fn occluded(self, batch: &mut Batch) -> Result<(), GpuError> {
-        batch.dispatch_indirect(&self.paths.occluded, &self.groups(), &self.paths.sizes, SHADOW_SIZES_AT)
+        match &self.paths.occluded {
+            Some(occluded) => {
+                batch.dispatch_indirect(occluded, &self.groups(), &self.paths.sizes, SHADOW_SIZES_AT)
+            }
+            None => Ok(()),
+        }
     }
 
     fn scatter(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {
@@ -365,9 +397,18 @@ impl<'a> Tracing<'a> {
             shadow_rays: u64::from(counters.shadow_rays),
             paths: u64::from(header.path_count),
         };
-        let bytes = 0..u64::from(header.path_count) * self.paths.from.sample_bytes();
-        let samples = self.session.read(&self.paths.places.samples, bytes)?;
-        Ok(Slice { samples, counts, first_seconds })
+        let sample_bytes = self.paths.from.sample_bytes();
+        let all_bytes = match self.paths.from {
+            PathStart::Pixels | PathStart::Rays => u64::from(header.path_count) * sample_bytes,
+            PathStart::Photons => u64::from(counters.kept) * KEPT_BYTES,
+        };
+        let is_whole = all_bytes <= u64::from(self.capacity()) * sample_bytes;
+        let brought = match all_bytes {
+            0 => Vec::new(),
+            _ if !is_whole => Vec::new(),
+            bytes => self.session.read(&self.paths.places.samples, 0..bytes)?,
+        };
+        Ok(Slice { brought, is_whole, counts, first_seconds })
     }
 }
 
@@ -378,8 +419,10 @@ pub(super) fn workgroups_of(header: &GpuPassHeader) -> [u32; 3] {
 
 /// What a slice brought.
 pub(super) struct Slice {
-    /// [`GpuPixelSample`]s or [`GpuRaySample`]s.
-    pub(super) samples: Vec<u8>,
+    /// [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order.
+    pub(super) brought: Vec<u8>,
+    /// There was room for all of those; else it brings none.
+    pub(super) is_whole: bool,
     pub(super) counts: Counts,
     /// Of its first batch, the longest.
     pub(super) first_seconds: f64,

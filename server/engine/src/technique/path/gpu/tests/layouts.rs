@@ -1,9 +1,13 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
-use lumicast_shaders::{GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PLANES, PROOF_CONSTANTS};
+use lumicast_shaders::{
+    GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES,
+    PROOF_CONSTANTS,
+};
 
 use super::{
     super::lookouts::GpuPlane,
+    super::photons::{GpuKeptPhoton, GpuSentPhoton},
     gather::{GpuGatherRay, GpuRaySample},
     *,
 };
@@ -244,7 +248,7 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             next_shadow_count,
             rays,
             shadow_rays,
-            padding_0,
+            kept,
         }
     );
     let begin_ray = GATHER_BEGIN.source(PROOF_CONSTANTS);
@@ -257,6 +261,26 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
         &begin_ray,
         "RaySample",
         GpuRaySample { radiance, distance_m, index, padding_0, padding_1, padding_2 }
+    );
+    assert_same_layout!(
+        &PHOTONS_BEGIN.source(PROOF_CONSTANTS),
+        "SentPhoton",
+        GpuSentPhoton {
+            origin,
+            left_instance,
+            direction,
+            left_triangle,
+            weight,
+            number,
+            key,
+            padding_0,
+            padding_1,
+        }
+    );
+    assert_same_layout!(
+        &PHOTONS_FLY.source(PROOF_CONSTANTS),
+        "KeptPhoton",
+        GpuKeptPhoton { b1, b2, triangle, place, weight, leaving, direction, name }
     );
     for (name, byte_count) in [("Path", PATH_BYTES), ("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
         assert_eq!(u64::from(layout(&source, name).1), byte_count, "{name}");

@@ -1,0 +1,90 @@
+//! How much is asked of a card at once by whoever asks it for slices, and whether it still answers.
+
+use std::sync::{Mutex, atomic::Ordering};
+
+use super::{GpuScene, LOSSES_MAX, tracing::SLICE_MIN};
+use crate::gpu::{GpuError, locked};
+
+/// Asked for at once, over those of a slice: while one slice is on the card others wait, so that slices are as large as they
+/// may be.
+const SLICES_AT_ONCE: usize = 2;
+
+/// Of one who asks.
+#[derive(Debug)]
+pub(super) struct Slices(Mutex<State>);
+
+#[derive(Debug)]
+struct State {
+    /// Paths of the next slice.
+    slice: u32,
+    /// Of all that were answered.
+    path_count: u64,
+    /// Nothing more is asked.
+    is_over: bool,
+    failure: Option<GpuError>,
+}
+
+impl Slices {
+    /// Nothing asked yet.
+    pub(super) fn new() -> Slices {
+        Slices(Mutex::new(State { slice: SLICE_MIN, path_count: 0, is_over: false, failure: None }))
+    }
+
+    /// Nothing more is asked.
+    pub(super) fn stop(&self) {
+        locked(&self.0).is_over = true;
+    }
+
+    /// The same, and why.
+    pub(super) fn fail(&self, error: GpuError) {
+        let mut state = locked(&self.0);
+        (state.is_over, state.failure) = (true, Some(error));
+    }
+
+    /// Why nothing more is asked.
+    pub(super) fn failure(&self) -> Option<GpuError> {
+        locked(&self.0).failure.clone()
+    }
+
+    /// Paths that were answered.
+    pub(super) fn path_count(&self) -> u64 {
+        locked(&self.0).path_count
+    }
+
+    /// How many are best asked for together; `None` where nothing more is asked.
+    pub(super) fn at_once(&self) -> Option<usize> {
+        self.next().map(|slice| SLICES_AT_ONCE * slice)
+    }
+
+    /// Paths of the next slice at most; `None` where nothing more is asked.
+    pub(super) fn next(&self) -> Option<usize> {
+        let state = locked(&self.0);
+        (!state.is_over).then_some(state.slice as usize)
+    }
+
+    /// A slice of so many was answered, whose first batch took so long.
+    pub(super) fn answered(&self, scene: &GpuScene, path_count: u32, first_seconds: f64) {
+        let mut state = locked(&self.0);
+        state.slice = scene.slice_after(state.slice, path_count, first_seconds);
+        state.path_count += u64::from(path_count);
+    }
+}
+
+impl GpuScene {
+    /// Does a piece of work as often as devices are lost under it, within reason.
+    pub(super) fn through_losses<T>(
+        &self,
+        mut work: impl FnMut() -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        loop {
+            match work() {
+                Ok(done) => {
+                    self.losses.store(0, Ordering::Relaxed);
+                    return Ok(done);
+                }
+                Err(GpuError::Lost) if self.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => {}
+                Err(error) => return Err(error),
+            }
+        }
+    }
+}
