@@ -1,4 +1,5 @@
-// Paths on their way, one a pixel of a slice of the picture, or one a ray of a slice of those that light is gathered along.
+// Paths on their way, one a pixel of a slice of the picture, or one a ray of a slice of those that light is gathered along,
+// or one a photon.
 // `technique/path/gpu.rs` says which step follows which; `pixel.wgsl` and `ray.wgsl` say what the paths bring.
 
 struct PassHeader {

@@ -62,8 +62,8 @@ impl Report {
     }
 }
 
-/// Kinds of the files of a report.
-const FILES: [&str; 3] = ["json", "csv", "html"];
+/// Kinds of the files of a report; the last is what makes it one.
+const FILES: [&str; 3] = ["csv", "html", "json"];
 
 /// Where report.json keeps rows of an earlier run until they are taken over.
 const EARLIER: &str = "earlier";

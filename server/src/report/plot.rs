@@ -18,7 +18,7 @@ use super::ReportError;
 /// Picture size, CSS pixels.
 const SIZE: (u32, u32) = (720, 420);
 /// Factor from one end of an axis to the other from which on powers of ten label it.
-const DECADES_FROM: f64 = 30.0;
+const DECADES_FROM: f64 = 100.0;
 
 /// Colours that people who see few colours can tell apart [Okabe, Ito 2008].
 const COLOURS: [RGBColor; 7] = [

@@ -159,8 +159,10 @@ struct LearningOnCard {
 }
 
 impl LearningOnCard {
+    /// Why nothing more is to be done on the card. Photons that have no room there are the CPU's, and all else goes on.
     fn failure(&self) -> Option<GpuError> {
-        self.photons.failure().or_else(|| self.gatherer.failure())
+        let is_fatal = |error: &GpuError| !matches!(error, GpuError::OutOfMemory { .. });
+        self.photons.failure().filter(is_fatal).or_else(|| self.gatherer.failure())
     }
 
     fn stop(&self) {
@@ -242,10 +244,18 @@ impl Rendering {
     ///
     /// - `scene`: of the same world
     pub fn draw_and_learn_on(&mut self, scene: Arc<GpuScene>) {
+        self.draw_and_gather_on(scene);
+        let learning = self.gpu.as_ref().and_then(|gpu| gpu.learning.as_ref());
+        if let (Some(learner), Some(learning)) = (&mut self.learner, learning) {
+            learner.carry_by(Arc::clone(&learning.photons) as _);
+        }
+    }
+
+    /// The same, with photons of the CPU.
+    pub(crate) fn draw_and_gather_on(&mut self, scene: Arc<GpuScene>) {
         self.draw_on(Arc::clone(&scene));
         let (Some(learner), Some(gpu)) = (&mut self.learner, &mut self.gpu) else { return };
         let photons = Arc::new(GpuPhotons::new(Arc::clone(&scene)));
-        learner.carry_by(Arc::clone(&photons) as _);
         let gatherer = Arc::new(GpuGatherer::new(scene));
         if self.learnt == Some(Learnt::Records) {
             learner.gather_on(Arc::clone(&gatherer));

@@ -15,6 +15,7 @@ mod world;
 
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
 pub use flight::Flight;
+#[cfg(feature = "gpu")]
 pub(crate) use flight::STRAIGHT_COS;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,

@@ -4,7 +4,8 @@
 //! backends add to one film. What differs is rounding (a card may fuse and reorder), which moves a few paths in ten thousand
 //! to another side of a decision.
 //!
-//! The same paths begin with rays that light is gathered along (`gather.rs`), and photons go through like steps (`photons.rs`). Steps (`shaders/path`), for a slice:
+//! The same paths begin with rays that light is gathered along (`gather.rs`), and photons go through like steps (`photons.rs`).
+//! Steps (`shaders/path`), for a slice:
 //! `begin`; then as long as paths go on `closest`, `shade`, `turn`, `occluded`. Paths keep their place, one a pixel;
 //! queues hold the places of those that go on, so that later scatterings cost by what is left of them. How many are
 //! left is read now and then only: steps take their size from a buffer that `turn` writes.

@@ -1,7 +1,8 @@
 //! Photons that something else carries from surface to surface, such as a graphics card.
 //!
 //! Where they start is drawn here, and what they leave behind becomes hits and paths here: a carrier's answers differ from the
-//! CPU's by rounding alone.
+//! CPU's by rounding alone. So of a scene that is edited or probed nothing is to be carried: paths are compared bit by bit there, with
+//! what the CPU traces.
 
 use std::fmt::Debug;
 
@@ -43,8 +44,6 @@ pub struct CarriedPhotons {
     pub kept: Vec<KeptPhoton>,
     /// `[photons]`: where in `kept` what each left behind ends.
     pub ends: Vec<usize>,
-    /// Rays they went along.
-    pub rays: u64,
 }
 
 impl CarriedPhotons {

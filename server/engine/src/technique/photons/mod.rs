@@ -77,6 +77,8 @@ impl Default for PhotonSettings {
 
 /// Blocks traced in one step: 16,384 photons, some 10 ms on two threads.
 const STEP_BLOCKS: usize = 256;
+/// The same at most where they are carried: what is cancelled waits for the end of a step.
+const CARRIED_BLOCKS: usize = 2048;
 
 /// Photon tracing, on the rayon pool it is called in; by a [`PhotonCarrier`] from surface to surface where there is one.
 #[derive(Debug)]
@@ -115,7 +117,7 @@ impl PhotonTracing {
         }
     }
 
-    /// Photons are carried from now on, as long as that is done.
+    /// Photons are carried from now on, as long as that is done; for scenes that do not change, see [`PhotonCarrier`].
     pub fn carry_by(&mut self, carrier: Arc<dyn PhotonCarrier>) {
         self.carrier = Some(carrier);
     }
@@ -219,7 +221,8 @@ impl PhotonTracing {
     /// Traces some of what is pending.
     fn trace_some(&mut self, world: &World) -> Counts {
         let at_once = self.carrier.as_ref().and_then(|carrier| carrier.photons_at_once());
-        let blocks = at_once.map_or(STEP_BLOCKS, |photons| (photons / BLOCK as usize).max(1));
+        let blocks =
+            at_once.map_or(STEP_BLOCKS, |photons| (photons / BLOCK as usize).clamp(1, CARRIED_BLOCKS));
         let some = self.take_pending(blocks);
         let sent = at_once.and_then(|_| self.send(world, &some));
         let paths = &self.paths;

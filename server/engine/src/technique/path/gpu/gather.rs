@@ -171,6 +171,7 @@ impl GpuGatherer {
             })
         })?;
         self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
+        self.slices.count(u64::from(header.path_count));
         // Not with a lock held: a thread that waits here for others may begin to gather for other points.
         let samples = slice.brought.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
         let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);

@@ -140,7 +140,6 @@ impl GpuPhotons {
             return self.slice(second, bounces_end, carried);
         }
         self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
-        carried.rays += slice.counts.rays;
         // They come in no order.
         let records = slice.brought.par_chunks_exact(size_of::<GpuKeptPhoton>());
         let mut records: Vec<GpuKeptPhoton> = records.map(bytemuck::pod_read_unaligned).collect();
@@ -181,6 +180,7 @@ impl PhotonCarrier for GpuPhotons {
             }
             rest = later;
         }
+        self.slices.count(sent.len() as u64);
         Some(carried)
     }
 }

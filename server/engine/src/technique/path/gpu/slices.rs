@@ -17,7 +17,7 @@ pub(super) struct Slices(Mutex<State>);
 struct State {
     /// Paths of the next slice.
     slice: u32,
-    /// Of all that were answered.
+    /// Of all that were answered and used.
     path_count: u64,
     /// Nothing more is asked.
     is_over: bool,
@@ -62,11 +62,15 @@ impl Slices {
         (!state.is_over).then_some(state.slice as usize)
     }
 
+    /// So many were answered, and are used.
+    pub(super) fn count(&self, path_count: u64) {
+        locked(&self.0).path_count += path_count;
+    }
+
     /// A slice of so many was answered, whose first batch took so long.
     pub(super) fn answered(&self, scene: &GpuScene, path_count: u32, first_seconds: f64) {
         let mut state = locked(&self.0);
         state.slice = scene.slice_after(state.slice, path_count, first_seconds);
-        state.path_count += u64::from(path_count);
     }
 }
 

@@ -27,7 +27,7 @@ use crate::{
 
 /// Invocations of a workgroup.
 pub(super) const WORKGROUP: u32 = 64;
-/// Fewest and most paths of a slice, some 400 bytes each: cards run some 10⁵ at once, and every scene that is looked at has places of
+/// Fewest and most paths of a slice, some 400 bytes each, photons 590: cards run some 10⁵ at once, and every scene that is looked at has places of
 /// its own.
 pub(super) const SLICE_MIN: u32 = 4096;
 pub(super) const SLICE_MAX: u32 = 1 << 18;
@@ -388,7 +388,14 @@ impl<'a> Tracing<'a> {
         let mut scatterings = SCATTERINGS_FIRST;
         let mut counters = self.trace(header, 0, scatterings)?;
         let first_seconds = start.elapsed().as_secs_f64();
-        while counters.ray_count > 0 {
+        let sample_bytes = self.paths.from.sample_bytes();
+        let bytes_max = u64::from(self.capacity()) * sample_bytes;
+        let bytes_of = |counters: &GpuCounters| match self.paths.from {
+            PathStart::Pixels | PathStart::Rays => u64::from(header.path_count) * sample_bytes,
+            PathStart::Photons => u64::from(counters.kept) * KEPT_BYTES,
+        };
+        // What has no room now has none at the end.
+        while counters.ray_count > 0 && bytes_of(&counters) <= bytes_max {
             scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
             counters = self.trace(header, 1, scatterings)?;
         }
@@ -397,16 +404,11 @@ impl<'a> Tracing<'a> {
             shadow_rays: u64::from(counters.shadow_rays),
             paths: u64::from(header.path_count),
         };
-        let sample_bytes = self.paths.from.sample_bytes();
-        let all_bytes = match self.paths.from {
-            PathStart::Pixels | PathStart::Rays => u64::from(header.path_count) * sample_bytes,
-            PathStart::Photons => u64::from(counters.kept) * KEPT_BYTES,
-        };
-        let is_whole = all_bytes <= u64::from(self.capacity()) * sample_bytes;
-        let brought = match all_bytes {
-            0 => Vec::new(),
-            _ if !is_whole => Vec::new(),
-            bytes => self.session.read(&self.paths.places.samples, 0..bytes)?,
+        let bytes = bytes_of(&counters);
+        let is_whole = bytes <= bytes_max;
+        let brought = match bytes {
+            1.. if is_whole => self.session.read(&self.paths.places.samples, 0..bytes)?,
+            _ => Vec::new(),
         };
         Ok(Slice { brought, is_whole, counts, first_seconds })
     }

@@ -174,7 +174,7 @@ fn by_records(shot: &Shot, scene: Option<&Arc<GpuScene>>, mut step: impl FnMut(&
     let mut rendering =
         Rendering::learning_by((Arc::clone(&shot.world), of), shot.camera, shot.size, settings);
     if let Some(scene) = scene {
-        rendering.draw_and_learn_on(Arc::clone(scene));
+        rendering.draw_and_gather_on(Arc::clone(scene));
     }
     while rendering.passes() < 1 {
         step(&mut rendering);

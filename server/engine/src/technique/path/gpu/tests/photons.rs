@@ -3,6 +3,7 @@
 use super::{gathering::cabinet, *};
 use crate::{
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
+    render::{IlluminationSettings, Indirect, Learning, RenderSettings, Rendering},
     scene::samples,
     technique::photons::{PhotonHit, PhotonSettings, PhotonTracing},
 };
@@ -70,6 +71,7 @@ fn photons_go_the_same_ways_on_a_card() {
         ("cornell box", samples::cornell_box().unwrap(), None),
         ("cabinet", cabinet(), None),
         ("cabinet, two surfaces", cabinet(), Some(2)),
+        ("boxes, one surface", samples::boxes().unwrap(), Some(1)),
         ("cabinet, none", cabinet(), Some(0)),
         ("stained glass", stained(), None),
         ("furnace", samples::furnace(0.95, 1.0).unwrap(), None),
@@ -80,7 +82,9 @@ fn photons_go_the_same_ways_on_a_card() {
         let card = on_card(&gpu, &world);
         let [by_cpu, by_card] = [None, Some(&card)].map(|carrier| traced(&world, settings, carrier));
         assert_eq!(card.failure(), None, "{name}");
-        assert!(card.photon_count() > 15_000 || bounces_max == Some(0), "{name}: {}", card.photon_count());
+        // Some numbers ask for light that is not there.
+        let (sent, paths) = (card.photon_count(), by_card.paths().path_count());
+        assert!(sent > paths * 3 / 4 && sent <= paths || bounces_max == Some(0), "{name}: {sent} of {paths}");
         let radius_m = world.accel().radius();
         let (mut count, mut different) = (0, 0);
         for ((path, hits), (path_on_card, hits_on_card)) in by_cpu.paths().each().zip(by_card.paths().each())
@@ -141,6 +145,37 @@ fn carried_photons_are_the_same_every_time() {
         assert!(first.paths().each().eq(other.paths().each()));
         assert_eq!(first.flux().emitted, other.flux().emitted);
     }
+}
+
+/// A picture that learns on a card is the CPU's but for the few photons that go another way: they change what cells near them hold by
+/// some percent, and the whole by next to nothing.
+#[test]
+fn pictures_that_learn_on_a_card_are_the_cpus() {
+    let Some(gpu) = shared() else { return };
+    let shot = Shot { size: size(40, 32), ..shot(samples::cornell_box().unwrap()) };
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let settings =
+        RenderSettings { indirect: Indirect::Octree, learning: Learning::First, ..RenderSettings::default() };
+    let [cpu, card] = [false, true].map(|learns_on_card| {
+        let mut illumination = IlluminationSettings::of(&settings);
+        (illumination.photons.emitted_count, illumination.octree.photon_count) = (40_000, 40_000);
+        let mut rendering =
+            Rendering::learning_by((Arc::clone(&shot.world), illumination), shot.camera, shot.size, settings);
+        if learns_on_card {
+            rendering.draw_and_learn_on(Arc::clone(&scene));
+        }
+        while rendering.passes() < 2 {
+            rendering.step(&AtomicBool::new(false));
+        }
+        rendering
+    });
+    assert_eq!((cpu.gpu_carried_photons(), card.gpu_failure()), (0, None));
+    let photons = card.illumination().unwrap().photons().paths().path_count();
+    let carried = card.gpu_carried_photons();
+    assert!(carried > photons / 2 && carried <= 2 * photons, "{carried} of {photons}");
+    let layers = [&cpu, &card].map(|drawn| drawn.film().layer(PathClass::Indirect));
+    let sums = layers.each_ref().map(|layer| layer.iter().map(|rgb| f64::from(rgb.mean())).sum::<f64>());
+    assert!(sums[0] > 0.0 && (sums[1] / sums[0] - 1.0).abs() < 2e-3, "{sums:?}");
 }
 
 /// Where a card cannot hold the scene, and in other worlds, photons are the CPU's, to the last bit.
