@@ -17,25 +17,11 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
     let across = (2.0 * x / f32(pass_header.width) - 1.0) * pass_header.half_width;
     let upwards = (1.0 - 2.0 * y / f32(pass_header.height)) * pass_header.half_height;
     let offset = pass_header.right * across + pass_header.up * upwards;
-    var path: Path;
-    path.origin = pass_header.origin;
-    path.direction = normalize(offset - pass_header.back);
+    var path = fresh_path(pass_header.origin, normalize(offset - pass_header.back), NO_INDEX, NO_INDEX, key);
     if pass_header.is_perspective == 0u {
         path.origin += offset;
         path.direction = -pass_header.back;
     }
-    path.medium = 0u;
-    path.class_so_far = EMITTED;
-    path.throughput = vec3f(1.0);
-    path.bounce = 0u;
-    path.last_pdf = NO_DENSITY;
-    path.eta_squared = 1.0;
-    path.left_instance = NO_INDEX;
-    path.left_triangle = NO_INDEX;
-    path.key = key;
-    path.lost_m = 0.0;
-    path.passing = 0u;
-    path.since_gathered = 0u;
     paths[slot] = path;
     samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u);
     queues[slot] = slot;

@@ -24,22 +24,7 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let ray = gather_rays[slot];
-    var path: Path;
-    path.origin = ray.origin;
-    path.direction = ray.direction;
-    path.medium = 0u;
-    path.class_so_far = EMITTED;
-    path.throughput = vec3f(1.0);
-    path.bounce = 0u;
-    path.last_pdf = NO_DENSITY;
-    path.eta_squared = 1.0;
-    path.left_instance = ray.left_instance;
-    path.left_triangle = ray.left_triangle;
-    path.key = ray.key;
-    path.lost_m = 0.0;
-    path.passing = 0u;
-    path.since_gathered = 0u;
-    paths[slot] = path;
+    paths[slot] = fresh_path(ray.origin, ray.direction, ray.left_instance, ray.left_triangle, ray.key);
     samples[slot] = RaySample(vec3f(0.0), -1.0, ray.index, 0u, 0u, 0u);
     queues[slot] = slot;
 }

@@ -5,7 +5,7 @@ fn closest(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= counters.ray_count {
         return;
     }
-    let slot = queues[counters.parity * pass_header.capacity + id.x];
+    let slot = slot_at(id.x);
     var ray: Ray;
     ray.origin = paths[slot].origin;
     ray.t_max = FLOAT_MAX;

@@ -21,10 +21,9 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= counters.ray_count {
         return;
     }
-    let slot = queues[counters.parity * pass_header.capacity + id.x];
+    let slot = slot_at(id.x);
     if advance(slot) {
-        let place = atomicAdd(&counters.next_ray_count, 1u);
-        queues[(1u - counters.parity) * pass_header.capacity + place] = slot;
+        go_on(slot);
     }
 }
 

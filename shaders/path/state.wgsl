@@ -137,6 +137,17 @@ fn are_traced_beyond(class_of_path: u32) -> bool {
     return (pass_header.traced & beyond) != 0u;
 }
 
+/// The slot of one of the paths that go on.
+fn slot_at(place: u32) -> u32 {
+    return queues[counters.parity * pass_header.capacity + place];
+}
+
+/// The path goes on in the scattering to come.
+fn go_on(slot: u32) {
+    let place = atomicAdd(&counters.next_ray_count, 1u);
+    queues[(1u - counters.parity) * pass_header.capacity + place] = slot;
+}
+
 /// Of a slice that begins: nothing done yet.
 fn begin_counting() {
     counters.parity = 0u;

@@ -26,21 +26,10 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let photon = sent[slot];
-    var path: Path;
-    path.origin = photon.origin;
-    path.direction = photon.direction;
-    path.medium = 0u;
+    var path = fresh_path(photon.origin, photon.direction, photon.left_instance, photon.left_triangle, photon.key);
     path.class_so_far = DIRECT;
     path.throughput = photon.weight;
-    path.bounce = 0u;
-    path.last_pdf = NO_DENSITY;
-    path.eta_squared = 1.0;
-    path.left_instance = photon.left_instance;
-    path.left_triangle = photon.left_triangle;
-    path.key = photon.key;
-    path.lost_m = 0.0;
     path.passing = photon.number;
-    path.since_gathered = 0u;
     paths[slot] = path;
     queues[slot] = slot;
 }

@@ -18,6 +18,7 @@ static BY_RECORDS: Part =
 static FOCUSED: Part = Part { name: "caustics/look_up", source: include_str!("../caustics/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
+static FRESH: Part = Part { name: "path/fresh", source: include_str!("../path/fresh.wgsl") };
 static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
 static RAY: Part = Part { name: "path/ray", source: include_str!("../path/ray.wgsl") };
 
@@ -54,7 +55,7 @@ macro_rules! shading {
 pub static PATH_BEGIN: Step = Step {
     name: "path/begin",
     entry_point: "begin",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &PIXEL, &BEGIN_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &FRESH, &PIXEL, &BEGIN_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -95,7 +96,7 @@ pub static PATH_OCCLUDED: Step = Step {
 pub static GATHER_BEGIN: Step = Step {
     name: "gather/begin",
     entry_point: "begin",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &RAY, &BEGIN_RAY_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &FRESH, &RAY, &BEGIN_RAY_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -117,7 +118,7 @@ pub static GATHER_OCCLUDED: Step = Step {
 pub static PHOTONS_BEGIN: Step = Step {
     name: "photons/begin",
     entry_point: "begin",
-    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &PHOTON, &BEGIN_PHOTON_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &TREE, &STATE, &FRESH, &PHOTON, &BEGIN_PHOTON_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 

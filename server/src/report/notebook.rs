@@ -244,7 +244,7 @@ fn set_aside(folder: &Path) -> Result<(), ReportError> {
         }
     }
     eprintln!(
-        "the report that was in {} is of other scenes, settings, version or machine: it is kept as report-{number}.html, .csv and .json",
+        "the report that was in {} is of other scenes, settings, version or machine: it is kept as report-{number}",
         folder.display()
     );
     Ok(())

@@ -35,6 +35,8 @@ pub use self::{
     trace::{FluxTally, PHOTON_SURVIVAL_MAX},
 };
 
+#[cfg(feature = "gpu")]
+pub(crate) use self::paths::{MARK_BITS, MARK_DIFFUSE, MARK_FRONT};
 use self::{
     carrier::Sent,
     passed::CoarseGrid,

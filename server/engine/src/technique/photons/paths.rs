@@ -39,10 +39,10 @@ pub struct PhotonHit {
 }
 
 const MARK_CLASS: u32 = 3;
-const MARK_FRONT: u32 = 4;
-const MARK_DIFFUSE: u32 = 8;
+pub(crate) const MARK_FRONT: u32 = 4;
+pub(crate) const MARK_DIFFUSE: u32 = 8;
 /// Bits of the marks; scenes hold fewer instances than the rest can count.
-const MARK_BITS: u32 = 4;
+pub(crate) const MARK_BITS: u32 = 4;
 /// The instance of hits on what is gone.
 const GONE: u32 = u32::MAX >> MARK_BITS;
 

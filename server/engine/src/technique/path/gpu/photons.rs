@@ -18,16 +18,16 @@ use super::{
 use crate::{
     gpu::GpuError,
     math::Rgb,
-    technique::photons::{CarriedPhotons, KeptPhoton, PhotonCarrier, SentPhoton},
+    technique::photons::{CarriedPhotons, KeptPhoton, MARK_BITS, PhotonCarrier, SentPhoton},
     transport::{EmittedPhoton, Flight, World},
 };
 
 /// Places for what photons leave behind, for each photon: some four in most rooms. A slice that leaves more is sent again as two.
 pub(super) const KEPT_PER_PHOTON: u64 = 8;
 /// Bits of a name that say how many surfaces a photon met before.
-const BOUNCE_BITS: u32 = 13;
+pub(super) const BOUNCE_BITS: u32 = 13;
 /// `place` of what met nothing.
-const ESCAPED: u32 = u32::MAX;
+pub(super) const ESCAPED: u32 = u32::MAX;
 
 /// `SentPhoton` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -75,6 +75,13 @@ pub(super) struct GpuKeptPhoton {
 }
 
 impl GpuKeptPhoton {
+    /// It lies on a triangle that is there: what a driver makes of a shader is not ours.
+    fn is_sound(&self, world: &World) -> bool {
+        let placed = world.accel().instances().get((self.place >> MARK_BITS) as usize);
+        let triangles = placed.map_or(0, |placed| placed.mesh().triangles().len());
+        self.place == ESCAPED || (self.triangle as usize) < triangles
+    }
+
     fn kept(&self) -> KeptPhoton {
         KeptPhoton {
             barycentric: [self.b1, self.b2],
@@ -143,6 +150,11 @@ impl GpuPhotons {
         // They come in no order.
         let records = slice.brought.par_chunks_exact(size_of::<GpuKeptPhoton>());
         let mut records: Vec<GpuKeptPhoton> = records.map(bytemuck::pod_read_unaligned).collect();
+        if !records.par_iter().all(|record| record.is_sound(self.scene.world())) {
+            return Err(GpuError::Failed {
+                what: "photons came back from triangles that are not there".into(),
+            });
+        }
         records.par_sort_unstable_by_key(|record| record.name);
         let mut next = 0;
         carried.kept.reserve(records.len());

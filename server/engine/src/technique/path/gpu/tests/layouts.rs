@@ -7,14 +7,17 @@ use lumicast_shaders::{
 
 use super::{
     super::lookouts::GpuPlane,
-    super::photons::{GpuKeptPhoton, GpuSentPhoton},
+    super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
     gather::{GpuGatherRay, GpuRaySample},
     *,
 };
 use crate::{
     gpu::tests::{assert_same_layout, layout, numbers_of},
     scene::TextureSlot,
-    technique::{GpuLightSet, GpuOctreeHeader},
+    technique::{
+        GpuLightSet, GpuOctreeHeader,
+        photons::{MARK_BITS, MARK_DIFFUSE, MARK_FRONT},
+    },
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
 
@@ -322,6 +325,17 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     assert_eq!(numbers["ABSENT"], f64::from(u32::MAX));
     for (name, flag) in [("IS_ASKING", IS_ASKING), ("SHOWS_CAUSTICS", SHOWS_CAUSTICS)] {
         assert_eq!(numbers[name], f64::from(flag), "{name}");
+    }
+    let numbers = numbers_of(&PHOTONS_FLY.source(PROOF_CONSTANTS));
+    let of_photons = [
+        ("MARK_BITS", MARK_BITS),
+        ("MARK_FRONT", MARK_FRONT),
+        ("MARK_DIFFUSE", MARK_DIFFUSE),
+        ("BOUNCE_BITS", BOUNCE_BITS),
+        ("ESCAPED", ESCAPED),
+    ];
+    for (name, number) in of_photons {
+        assert_eq!(numbers[name], f64::from(number), "{name}");
     }
 }
 
