@@ -36,7 +36,9 @@ pub use self::{
 };
 
 #[cfg(feature = "gpu")]
-pub(crate) use self::paths::{MARK_BITS, MARK_DIFFUSE, MARK_FRONT};
+pub(crate) use self::paths::MARK_BITS;
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use self::paths::{MARK_DIFFUSE, MARK_FRONT};
 use self::{
     carrier::Sent,
     passed::CoarseGrid,
