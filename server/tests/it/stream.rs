@@ -446,7 +446,7 @@ async fn a_refused_message_changes_nothing() {
         (json!({"type": "camera", "stamp": 1, "size": [0, 1], "camera": "main"}), 422, "size"),
         (json!({"type": "ack", "frame": 9}), 422, "frame"),
         (json!({"type": "accuracy", "technique": "lightmap"}), 422, "technique"),
-        (json!({"type": "accuracy", "effects": {"glass": "off"}}), 400, ""),
+        (json!({"type": "accuracy", "effects": {"glass": "off"}}), 400, "effects.glass"),
         (json!({"type": "quality", "jpeg_quality": 0}), 422, "jpeg_quality"),
         (json!({"type": "hello", "client": "again", "version": "1"}), 400, ""),
         (json!({"type": "dance"}), 400, ""),
