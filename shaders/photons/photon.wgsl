@@ -20,7 +20,7 @@ struct KeptPhoton {
     name: u32,
 }
 
-/// `photons/paths.rs`.
+/// `products/carried.rs`.
 const MARK_FRONT: u32 = 4u;
 const MARK_DIFFUSE: u32 = 8u;
 const MARK_BITS: u32 = 4u;

@@ -8,10 +8,10 @@ use std::{
 use super::RenderSettings;
 use crate::{
     technique::{
-        Counts, Edit, MAPPED, Products, SecondaryLight, Step, Technique,
+        Counts, Edit, MAPPED, PhotonCarrier, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceSettings,
         octree::{OctreeBuilding, OctreeSettings},
-        photons::{EditCounts, PhotonCarrier, PhotonSettings, PhotonTracing, ProbeCounts},
+        photons::{EditCounts, PhotonSettings, PhotonTracing, ProbeCounts},
     },
     transport::World,
 };

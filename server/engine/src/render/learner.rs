@@ -14,9 +14,8 @@ use super::{
 };
 #[cfg(feature = "gpu")]
 use crate::technique::{
-    ArrivingLight,
+    ArrivingLight, PhotonCarrier,
     path::{ArrivingByGpu, GpuGatherer},
-    photons::PhotonCarrier,
 };
 use crate::{
     film::PictureSize,

@@ -29,16 +29,11 @@ use std::{
 use rayon::prelude::*;
 
 pub use self::{
-    carrier::{CarriedPhotons, KeptPhoton, PhotonCarrier, SentPhoton},
     paths::{PhotonHit, PhotonPath, PhotonPaths},
     selective::{EditCounts, ProbeCounts},
-    trace::{FluxTally, PHOTON_SURVIVAL_MAX},
+    trace::FluxTally,
 };
 
-#[cfg(feature = "gpu")]
-pub(crate) use self::paths::MARK_BITS;
-#[cfg(all(test, feature = "gpu"))]
-pub(crate) use self::paths::{MARK_DIFFUSE, MARK_FRONT};
 use self::{
     carrier::Sent,
     passed::CoarseGrid,
@@ -46,8 +41,8 @@ use self::{
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
-    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonMaps, PhotonProduct, Progress, Step, Surfaces,
-    Technique, TriangleSide,
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
+    SentPhoton, Step, Surfaces, Technique, TriangleSide,
 };
 use crate::{
     accel::Accel,

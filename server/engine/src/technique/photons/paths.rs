@@ -7,7 +7,6 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    carrier::KeptPhoton,
     passed::CoarseGrid,
     sequence::{STRATA, Sequence, name_key},
     trace::FluxTally,
@@ -15,7 +14,10 @@ use super::{
 use crate::{
     accel::Hit,
     math::{Rgb, octahedral},
-    technique::{FallenPhoton, MAPPED, TriangleSide},
+    technique::{
+        FallenPhoton, KeptPhoton, MAPPED, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
+        TriangleSide,
+    },
     transport::{PathClass, Source, SourceName, Surface, World},
 };
 
@@ -39,12 +41,8 @@ pub struct PhotonHit {
 }
 
 const MARK_CLASS: u32 = 3;
-pub(crate) const MARK_FRONT: u32 = 4;
-pub(crate) const MARK_DIFFUSE: u32 = 8;
-/// Bits of the marks; scenes hold fewer instances than the rest can count.
-pub(crate) const MARK_BITS: u32 = 4;
 /// The instance of hits on what is gone.
-const GONE: u32 = u32::MAX >> MARK_BITS;
+const GONE: u32 = u32::MAX >> PHOTON_MARK_BITS;
 
 impl PhotonHit {
     pub(super) fn new(
@@ -56,17 +54,17 @@ impl PhotonHit {
     ) -> PhotonHit {
         let mut marks = class as u32;
         if towards_light.dot(surface.point.n_geo) > 0.0 {
-            marks |= MARK_FRONT;
+            marks |= PHOTON_MARK_FRONT;
         }
         if surface.bsdf.has_diffuse() {
-            marks |= MARK_DIFFUSE;
+            marks |= PHOTON_MARK_DIFFUSE;
         }
         PhotonHit {
             position: surface.point.position,
             weight,
             triangle: hit.triangle,
             direction: octahedral::encode(towards_light),
-            place: hit.instance << MARK_BITS | marks,
+            place: hit.instance << PHOTON_MARK_BITS | marks,
         }
     }
 
@@ -75,7 +73,7 @@ impl PhotonHit {
     /// - `place`: index of the instance and marks, as here
     pub(super) fn kept(world: &World, kept: &KeptPhoton, place: u32) -> PhotonHit {
         let [b1, b2] = kept.barycentric;
-        let placed = &world.accel().instances()[(place >> MARK_BITS) as usize];
+        let placed = &world.accel().instances()[(place >> PHOTON_MARK_BITS) as usize];
         PhotonHit {
             position: placed.surface_point(kept.triangle, b1, b2).position,
             weight: kept.weight,
@@ -87,13 +85,14 @@ impl PhotonHit {
 
     /// Index of the instance; `None` for one that is gone.
     pub fn instance(&self) -> Option<u32> {
-        let instance = self.place >> MARK_BITS;
+        let instance = self.place >> PHOTON_MARK_BITS;
         (instance != GONE).then_some(instance)
     }
 
     /// Gives the instance another number, or none.
     pub(super) fn rename_instance(&mut self, instance: Option<u32>) {
-        self.place = instance.unwrap_or(GONE) << MARK_BITS | self.place & ((1 << MARK_BITS) - 1);
+        self.place =
+            instance.unwrap_or(GONE) << PHOTON_MARK_BITS | self.place & ((1 << PHOTON_MARK_BITS) - 1);
     }
 
     /// Unit direction to where it came from.
@@ -108,7 +107,7 @@ impl PhotonHit {
 
     /// It fell on the triangle's front.
     pub fn is_on_front(&self) -> bool {
-        self.place & MARK_FRONT != 0
+        self.place & PHOTON_MARK_FRONT != 0
     }
 
     /// What it fell on; `None` for what is gone.
@@ -119,7 +118,7 @@ impl PhotonHit {
 
     /// The surface has a diffuse lobe that can show it.
     pub fn is_on_diffuse(&self) -> bool {
-        self.place & MARK_DIFFUSE != 0
+        self.place & PHOTON_MARK_DIFFUSE != 0
     }
 }
 

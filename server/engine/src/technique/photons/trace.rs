@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     accel::Hit,
+    technique::PHOTON_SURVIVAL_MAX,
     transport::{Flight, PathClass, Scatter, Source, Surface, World},
 };
 
@@ -163,11 +164,6 @@ impl PhotonTracer<'_> {
         goes_on
     }
 }
-
-/// Highest chance of going on. Where no light is lost a photon is kept at every surface it meets until chance ends it, after 100
-/// in the mean; a lower chance would turn the light of bright rooms into few, ever heavier photons: their second moment grows
-/// by ρ² over the chance with every surface.
-pub const PHOTON_SURVIVAL_MAX: f32 = 0.99;
 
 /// Draws where the photon goes on; false when it is absorbed.
 fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {

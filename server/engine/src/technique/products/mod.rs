@@ -1,5 +1,6 @@
 //! What techniques make for each other: photon maps over the surfaces of the scene, and caches of the light there.
 
+mod carried;
 mod crease;
 mod extent;
 mod gather;
@@ -19,6 +20,10 @@ use std::{
 use glam::{UVec2, Vec3};
 
 pub use self::{
+    carried::{
+        CarriedPhotons, KeptPhoton, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
+        PHOTON_SURVIVAL_MAX, PhotonCarrier, SentPhoton,
+    },
     crease::CREASE_ANGLE_RAD,
     gather::{Gather, GatherBounds, GatheredPhoton},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},

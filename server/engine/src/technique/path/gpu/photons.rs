@@ -18,7 +18,7 @@ use super::{
 use crate::{
     gpu::GpuError,
     math::Rgb,
-    technique::photons::{CarriedPhotons, KeptPhoton, MARK_BITS, PhotonCarrier, SentPhoton},
+    technique::{CarriedPhotons, KeptPhoton, PHOTON_MARK_BITS, PhotonCarrier, SentPhoton},
     transport::{EmittedPhoton, Flight, World},
 };
 
@@ -77,7 +77,7 @@ pub(super) struct GpuKeptPhoton {
 impl GpuKeptPhoton {
     /// It lies on a triangle that is there: what a driver makes of a shader is not ours.
     fn is_sound(&self, world: &World) -> bool {
-        let placed = world.accel().instances().get((self.place >> MARK_BITS) as usize);
+        let placed = world.accel().instances().get((self.place >> PHOTON_MARK_BITS) as usize);
         let triangles = placed.map_or(0, |placed| placed.mesh().triangles().len());
         self.place == ESCAPED || (self.triangle as usize) < triangles
     }

@@ -15,9 +15,8 @@ use crate::{
     gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
     scene::Id,
     technique::{
-        LIKE_COS,
+        LIKE_COS, PHOTON_SURVIVAL_MAX,
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
-        photons::PHOTON_SURVIVAL_MAX,
     },
     transport::{
         STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,

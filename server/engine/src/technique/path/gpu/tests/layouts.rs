@@ -14,10 +14,7 @@ use super::{
 use crate::{
     gpu::tests::{assert_same_layout, layout, numbers_of},
     scene::TextureSlot,
-    technique::{
-        GpuLightSet, GpuOctreeHeader,
-        photons::{MARK_BITS, MARK_DIFFUSE, MARK_FRONT},
-    },
+    technique::{GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT},
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
 
@@ -328,9 +325,9 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     }
     let numbers = numbers_of(&PHOTONS_FLY.source(PROOF_CONSTANTS));
     let of_photons = [
-        ("MARK_BITS", MARK_BITS),
-        ("MARK_FRONT", MARK_FRONT),
-        ("MARK_DIFFUSE", MARK_DIFFUSE),
+        ("MARK_BITS", PHOTON_MARK_BITS),
+        ("MARK_FRONT", PHOTON_MARK_FRONT),
+        ("MARK_DIFFUSE", PHOTON_MARK_DIFFUSE),
         ("BOUNCE_BITS", BOUNCE_BITS),
         ("ESCAPED", ESCAPED),
     ];
