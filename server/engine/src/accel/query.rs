@@ -87,7 +87,8 @@ impl Accel {
         };
         // Parts of one instance often come one after the other: the ray goes into its space once.
         let mut entered = u32::MAX;
-        let (mut slab, mut shear) = (Slab::NONE, Shear::NONE);
+        let (mut local, mut inverse, mut shear) = (*ray, inverse_in_render, Shear::NONE);
+        let (mut slab, mut has_slab) = (Slab::NONE, false);
         // A negative one, also in place of NaN, lets nothing be entered.
         let mut t_max = ray.t_max.max(-1.0);
         top.tree().walk::<S, NEAREST_FIRST>(
@@ -103,14 +104,19 @@ impl Accel {
                 let bottom = instance.bottom();
                 if part.instance != entered {
                     entered = part.instance;
-                    let local = instance.ray_in_mesh(ray);
-                    let inverse = if instance.is_only_moved() {
+                    local = instance.ray_in_mesh(ray);
+                    inverse = if instance.is_only_moved() {
                         inverse_in_render
                     } else {
                         inverse_of(local.direction)
                     };
-                    slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
                     shear = Shear::new(&local, inverse).within(part.instance, ray);
+                    has_slab = false;
+                }
+                // Most parts are leaves, which have no boxes to test.
+                if part.child & LEAF == 0 && !has_slab {
+                    slab = Slab::new(local.origin, inverse, bottom.tree().bounds());
+                    has_slab = true;
                 }
                 bottom.visit::<S, NEAREST_FIRST>(
                     simd,

@@ -6,7 +6,11 @@
 //! removed one leaves its slots free: work in proportion to the instances touched and the tree's depth, besides a few
 //! passes over plain lists. What that costs later rays is watched by the surface area heuristic.
 
-use std::{collections::BinaryHeap, sync::Arc};
+use std::{
+    collections::{BinaryHeap, HashMap},
+    num::NonZeroU32,
+    sync::Arc,
+};
 
 use obvhs::aabb::Aabb;
 
@@ -16,12 +20,15 @@ use super::{
     node::{FREE, LEAF, WIDTH, WideNode},
     tree::{LeafKind, Tree},
 };
+use crate::scene::Id;
 
 /// Opening stops at this share of the scene's half area: smaller subtrees overlap little.
-const OPEN_SHARE: f32 = 1.0 / 256.0;
+const OPEN_SHARE: f32 = 1.0 / 4096.0;
 /// Opening stops when the tree holds this many parts for each instance …
 const PARTS_PER_INSTANCE: usize = 4;
-/// … or this many in a small scene.
+/// … and one for so many triangles of all meshes, which keeps it at a sixth of the memory of theirs …
+const TRIANGLES_PER_PART: usize = 8;
+/// … and this many in a small scene.
 const PARTS_MIN: usize = 512;
 /// A tree whose cost has grown by this factor over edits is worth building again.
 const WORN: f32 = 1.3;
@@ -49,12 +56,45 @@ pub(super) struct Part {
     pub(super) instance: u32,
     /// A child of the mesh's tree: a node or a leaf.
     pub(super) child: u32,
-    /// Where the top tree holds it; the node is `GONE` for a part that was removed.
-    node: u32,
-    slot: u32,
+    /// Where the mesh's tree has it; `None` for the whole of it.
+    below: Option<Place>,
+    /// Where the top tree holds it; `None` for a part that was removed.
+    at: Option<Place>,
 }
 
-const GONE: u32 = u32::MAX;
+/// A slot of a node of a tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place(NonZeroU32);
+
+impl Place {
+    /// A tree has fewer nodes than 2²⁹: with so many it would take 128 GiB.
+    fn new(node: u32, slot: usize) -> Place {
+        Place(NonZeroU32::MIN.saturating_add(node * WIDTH as u32 + slot as u32))
+    }
+
+    fn node(self) -> u32 {
+        (self.0.get() - 1) / WIDTH as u32
+    }
+
+    fn slot(self) -> usize {
+        (self.0.get() - 1) as usize % WIDTH
+    }
+}
+
+impl Part {
+    /// Bounds in the mesh's space.
+    fn bounds_in_mesh(&self, instance: &Instance) -> Aabb {
+        bounds_in_mesh(instance, self.below)
+    }
+}
+
+fn bounds_in_mesh(instance: &Instance, below: Option<Place>) -> Aabb {
+    let tree = instance.bottom().tree();
+    below.map_or(*tree.bounds(), |place| tree.node(place.node()).bounds(place.slot()))
+}
+
+/// Nothing leads to the root.
+const ABOVE_ROOT: Place = Place(NonZeroU32::MIN);
 
 /// See the module's head.
 #[derive(Clone, Debug)]
@@ -63,10 +103,8 @@ pub(super) struct TopTree {
     parts: Vec<Part>,
     /// Where walks start: the first node that has more than one child, or the part that is alone.
     start: u32,
-    /// Bounds of each part in its mesh's space.
-    boxes: Vec<Aabb>,
-    /// Node and slot that lead to each node; the root's own is meaningless.
-    parents: Vec<(u32, u32)>,
+    /// What leads to each node; the root's own is meaningless.
+    parents: Vec<Place>,
     /// Per instance, the first of its parts and how many there are: they lie side by side.
     parts_of: Vec<(u32, u32)>,
     /// Cost when it was built.
@@ -80,8 +118,7 @@ struct Candidate {
     half_area: f32,
     instance: u32,
     child: u32,
-    /// In the mesh's space.
-    local: Aabb,
+    below: Option<Place>,
     /// In render space.
     bounds: Aabb,
 }
@@ -104,24 +141,20 @@ impl TopTree {
         tree.rename_leaves(|leaf| order.members[LeafOrder::range_of(leaf).0]);
         let mut parts: Vec<Part> = found
             .iter()
-            .map(|part| Part { instance: part.instance, child: part.child, node: GONE, slot: 0 })
+            .map(|part| Part { instance: part.instance, child: part.child, below: part.below, at: None })
             .collect();
-        let mut parents = vec![(0, 0); tree.nodes().len()];
+        let mut parents = vec![ABOVE_ROOT; tree.nodes().len()];
         for (index, node) in tree.nodes().iter().enumerate() {
             for slot in node.used() {
-                let at = (index as u32, slot as u32);
+                let at = Place::new(index as u32, slot);
                 match node.child(slot) {
-                    leaf if leaf & LEAF != 0 => {
-                        let part = &mut parts[(leaf & !LEAF) as usize];
-                        (part.node, part.slot) = at;
-                    }
+                    leaf if leaf & LEAF != 0 => parts[(leaf & !LEAF) as usize].at = Some(at),
                     child => parents[child as usize] = at,
                 }
             }
         }
-        let boxes = found.iter().map(|part| part.local).collect();
         let (cost_built, start) = (tree.sah_cost(), start_of(&tree));
-        TopTree { tree, parts, start, boxes, parents, parts_of, cost_built, gone: 0 }
+        TopTree { tree, parts, start, parents, parts_of, cost_built, gone: 0 }
     }
 
     pub(super) fn tree(&self) -> &Tree {
@@ -142,8 +175,9 @@ impl TopTree {
 
     pub(super) fn bytes(&self) -> usize {
         self.tree.bytes()
-            + self.parts.len() * (size_of::<Part>() + size_of::<Aabb>())
-            + (self.parents.len() + self.parts_of.len()) * size_of::<(u32, u32)>()
+            + self.parts.len() * size_of::<Part>()
+            + self.parents.len() * size_of::<Place>()
+            + self.parts_of.len() * size_of::<(u32, u32)>()
     }
 
     /// What visiting it costs now, relative to when it was built.
@@ -166,22 +200,22 @@ impl TopTree {
 
     /// The instance stands elsewhere: its parts' bounds are fitted, and those above them.
     pub(super) fn refit(&mut self, index: u32, instance: &Instance) {
-        for part in self.parts_range(index) {
-            let Part { node, slot, .. } = self.parts[part];
-            let bounds = instance.box_in_render(&self.boxes[part]);
-            self.tree.node_mut(node).set(slot as usize, &bounds, LEAF | part as u32);
-            self.fit_above(node);
+        for number in self.parts_range(index) {
+            let part = &self.parts[number];
+            let Some(at) = part.at else { continue };
+            let bounds = instance.box_in_render(&part.bounds_in_mesh(instance));
+            self.tree.node_mut(at.node()).set(at.slot(), &bounds, LEAF | number as u32);
+            self.fit_above(at.node());
         }
     }
 
     /// The instance is gone; its number is free.
     pub(super) fn remove(&mut self, index: u32) {
-        for part in self.parts_range(index) {
-            let Part { node, slot, .. } = self.parts[part];
-            self.parts[part].node = GONE;
+        for number in self.parts_range(index) {
+            let Some(at) = self.parts[number].at.take() else { continue };
             self.gone += 1;
-            self.tree.node_mut(node).clear(slot as usize);
-            self.fit_above(node);
+            self.tree.node_mut(at.node()).clear(at.slot());
+            self.fit_above(at.node());
         }
         self.parts_of[index as usize] = (0, 0);
     }
@@ -193,13 +227,11 @@ impl TopTree {
             self.parts_of.resize(index as usize + 1, (0, 0));
         }
         self.parts_of[index as usize] = (part, 1);
-        let local = *instance.bottom().tree().bounds();
-        let bounds = instance.box_in_render(&local);
-        let (node, slot) = self.place_for(&bounds);
-        self.parts.push(Part { instance: index, child: 0, node, slot });
-        self.boxes.push(local);
-        self.tree.node_mut(node).set(slot as usize, &bounds, LEAF | part);
-        self.fit_above(node);
+        let bounds = instance.box_in_render(&bounds_in_mesh(instance, None));
+        let at = self.place_for(&bounds);
+        self.parts.push(Part { instance: index, child: 0, below: None, at: Some(at) });
+        self.tree.node_mut(at.node()).set(at.slot(), &bounds, LEAF | part);
+        self.fit_above(at.node());
     }
 
     /// Instances have new numbers: `number[old]`, for those that stayed.
@@ -211,7 +243,7 @@ impl TopTree {
             }
         }
         self.parts_of = parts_of;
-        for part in self.parts.iter_mut().filter(|part| part.node != GONE) {
+        for part in self.parts.iter_mut().filter(|part| part.at.is_some()) {
             if let Some(Some(new)) = number.get(part.instance as usize) {
                 part.instance = *new;
             }
@@ -232,25 +264,25 @@ impl TopTree {
     /// Fits the bounds of a node in its parent, and so on up.
     fn fit_above(&mut self, mut node: u32) {
         while node != 0 {
-            let (parent, slot) = self.parents[node as usize];
+            let at = self.parents[node as usize];
             let union = self.tree.node(node).union();
-            let above = self.tree.node_mut(parent);
-            let before = above.bounds(slot as usize);
+            let above = self.tree.node_mut(at.node());
+            let before = above.bounds(at.slot());
             if before.min == union.min && before.max == union.max {
                 return;
             }
             // A node without children keeps its slot, with bounds that nothing enters.
-            above.set(slot as usize, &union, node);
-            node = parent;
+            above.set(at.slot(), &union, node);
+            node = at.node();
         }
     }
 
     /// A free slot in the node that grows least; a leaf makes room by becoming a node.
-    fn place_for(&mut self, bounds: &Aabb) -> (u32, u32) {
+    fn place_for(&mut self, bounds: &Aabb) -> Place {
         if self.tree.nodes().is_empty() {
             self.tree.push(WideNode::EMPTY);
-            self.parents.push((0, 0));
-            return (0, 0);
+            self.parents.push(ABOVE_ROOT);
+            return Place::new(0, 0);
         }
         let mut at = 0u32;
         loop {
@@ -262,10 +294,12 @@ impl TopTree {
             let free = (0..WIDTH).find(|slot| node.is_free(*slot) && node.child(*slot) == FREE);
             let best = node.used().min_by(|a, b| growth(a).total_cmp(&growth(b)));
             match (free, best) {
-                (Some(free), Some(best)) if growth(&best) >= bounds.half_area() => return (at, free as u32),
-                (Some(free), None) => return (at, free as u32),
+                (Some(free), Some(best)) if growth(&best) >= bounds.half_area() => {
+                    return Place::new(at, free);
+                }
+                (Some(free), None) => return Place::new(at, free),
                 (_, Some(best)) if node.child(best) & LEAF == 0 => at = node.child(best),
-                (Some(free), Some(_)) => return (at, free as u32),
+                (Some(free), Some(_)) => return Place::new(at, free),
                 (None, Some(best)) => return self.split(at, best),
                 // Eight empty nodes below: the first has room.
                 (None, None) => at = node.child(0),
@@ -274,16 +308,15 @@ impl TopTree {
     }
 
     /// Puts a node with room in the place of a leaf and returns its first free slot.
-    fn split(&mut self, node: u32, slot: usize) -> (u32, u32) {
+    fn split(&mut self, node: u32, slot: usize) -> Place {
         let (leaf, bounds) = (self.tree.node(node).child(slot), self.tree.node(node).bounds(slot));
         let mut below = WideNode::EMPTY;
         below.set(0, &bounds, leaf);
         let index = self.tree.push(below);
-        self.parents.push((node, slot as u32));
+        self.parents.push(Place::new(node, slot));
         self.tree.node_mut(node).set(slot, &bounds, index);
-        let part = &mut self.parts[(leaf & !LEAF) as usize];
-        (part.node, part.slot) = (index, 0);
-        (index, 1)
+        self.parts[(leaf & !LEAF) as usize].at = Some(Place::new(index, 0));
+        Place::new(index, 1)
     }
 }
 
@@ -302,19 +335,17 @@ fn start_of(tree: &Tree) -> u32 {
 
 /// The instances' parts after the largest were opened.
 fn open(instances: &[Arc<Instance>]) -> Vec<Candidate> {
-    let candidate = |index: usize, child: u32, local: Aabb| {
-        let bounds = instances[index].box_in_render(&local);
-        Candidate { half_area: bounds.half_area(), instance: index as u32, child, local, bounds }
+    let candidate = |index: u32, child: u32, below: Option<Place>| {
+        let instance = &instances[index as usize];
+        let bounds = instance.box_in_render(&bounds_in_mesh(instance, below));
+        Candidate { half_area: bounds.half_area(), instance: index, child, below, bounds }
     };
-    let mut heap: BinaryHeap<Candidate> = instances
-        .iter()
-        .enumerate()
-        .map(|(index, instance)| candidate(index, 0, *instance.bottom().tree().bounds()))
-        .collect();
+    let mut heap: BinaryHeap<Candidate> =
+        (0..instances.len() as u32).map(|index| candidate(index, 0, None)).collect();
     let all = heap.iter().map(|part| part.bounds).reduce(|a, b| a.union(&b));
     let smallest = all.map_or(0.0, |all| all.half_area() * OPEN_SHARE);
     // A lone instance stays whole: nothing overlaps it, and walks start in its own tree.
-    let most = if instances.len() == 1 { 1 } else { PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()) };
+    let most = if instances.len() == 1 { 1 } else { parts_max(instances) };
     let mut done = Vec::new();
     while heap.len() + done.len() < most {
         let Some(part) = heap.pop() else { break };
@@ -329,11 +360,20 @@ fn open(instances: &[Arc<Instance>]) -> Vec<Candidate> {
         let instance = &instances[part.instance as usize];
         let node = instance.bottom().tree().node(part.child);
         heap.extend(
-            node.used().map(|slot| candidate(part.instance as usize, node.child(slot), node.bounds(slot))),
+            node.used()
+                .map(|slot| candidate(part.instance, node.child(slot), Some(Place::new(part.child, slot)))),
         );
     }
     done.extend(heap.into_sorted_vec());
     done
+}
+
+/// Parts at most.
+fn parts_max(instances: &[Arc<Instance>]) -> usize {
+    let meshes: HashMap<&Id, usize> =
+        instances.iter().map(|instance| (instance.mesh_id(), instance.mesh().triangles().len())).collect();
+    let triangles: usize = meshes.values().sum();
+    PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()).max(triangles / TRIANGLES_PER_PART)
 }
 
 impl Ord for Candidate {
