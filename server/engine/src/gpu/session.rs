@@ -218,9 +218,10 @@ impl Session {
         }
     }
 
-    /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here.
+    /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here, which is when
+    /// it has no work left.
     pub(super) fn loss_or(&self, error: GpuError) -> GpuError {
-        let _ = self.poll(wgpu::PollType::Poll);
+        let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.wait_max) });
         if self.fate.is_lost.load(Ordering::Acquire) { GpuError::Lost } else { error }
     }
 
