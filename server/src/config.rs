@@ -204,6 +204,9 @@ settings! {
     /// Percent of the time that measuring the error of pictures may take, 1 to 50; at least 20 where a viewer's target may soon
     /// be reached, and where only doubt is left of it, as much as drawing takes.
     measuring_percent: u8 = 5;
+    /// Noise stays in pictures of looked-up light, instead of each pixel being joined with pixels around that show the same surface
+    /// and differ by no more than their noise.
+    keep_noise: bool = false;
     /// Photons that the lights of a scene send out for its light octree, about 120 bytes each with all that is kept of
     /// them; at most 100 million. Up to four times as many where most of them leave the scene; fewer where each is kept at
     /// more than some ten surfaces, since each of these takes about 50 bytes.

@@ -229,7 +229,7 @@ impl<'a> Job<'a> {
             }
             frame_seconds += step_start.elapsed().as_secs_f64();
             let seconds = self.seconds();
-            outlook.look_if_due(rendering, seconds);
+            self.pool.install(|| outlook.look_if_due(rendering, seconds));
             progress.show(rendering, &outlook, seconds);
             if rendering.passes() == 0 || interrupt.came().is_some() {
                 continue;
@@ -405,6 +405,7 @@ fn settings_of(args: &RenderArgs) -> RenderSettings {
         seed: args.seed,
         effects: args.effects,
         measuring: args.measuring,
+        keeps_noise: args.keep_noise,
         ..RenderSettings::default()
     }
 }

@@ -322,6 +322,7 @@ impl Painter {
             learning: Learning::Alongside { until: None },
             effects: wish.effects,
             measuring: self.scene.workshop.config.measuring(),
+            keeps_noise: self.scene.workshop.config.keep_noise,
             backend: self.scene.workshop.card.backend(),
         }
     }

@@ -182,6 +182,7 @@ impl Drawing {
             seed: config.seed,
             learning,
             measuring: config.measuring(),
+            keeps_noise: config.keep_noise,
             backend: workshop.card.backend(),
             ..RenderSettings::default()
         };

@@ -3,11 +3,12 @@
 //! A film is a row of [`Tile`]s that techniques fill in parallel, one pass (one sample per pixel) at a time.
 //! Out of it come the picture, its layers by path class, the first hit's albedo, normal and depth, the
 //! variance per pixel and the measured error: of its noise in `measured.rs`, bias included in `gauged.rs`, relative to what
-//! `weights.rs` says of the truth. `picture.rs` blends a film of looked-up light with one that is path-traced,
+//! `weights.rs` says of the truth. `denoise.rs` takes noise off a film of looked-up light, `picture.rs` blends a film of looked-up light with one that is path-traced,
 //! `error.rs` is the metric of the contract against a reference, `tone_map.rs` turns radiance into what a screen shows.
 //! Imports `math`, `scene` and `transport` only. The tiling and the separation of sums from display follow
 //! pbrt's film; the two independent halves are those of [Rousselle2012].
 
+mod denoise;
 mod error;
 mod gauged;
 mod measured;
@@ -20,7 +21,9 @@ mod weights;
 use crate::math::Rgb;
 use crate::transport::PathClass;
 use glam::Vec3;
+use rayon::prelude::*;
 
+pub use denoise::Denoising;
 pub use error::{CompareError, ImageError, compare};
 pub use gauged::{GAUGED_GROUPS, GaugedPixel, measure_at, wants_more_pixels};
 pub use measured::{BLACK_PASSES, MeasuredError};
@@ -223,18 +226,22 @@ impl Film {
     }
 
     /// One value per pixel, from tiles to rows; `empty` where no pass has run.
-    fn image<T: Copy>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T) -> Vec<T> {
+    fn image<T: Copy + Send>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
         let width = self.size.width as usize;
         let mut image = vec![empty; self.size.pixel_count()];
-        for tile in self.tiles.iter().filter(|tile| tile.passes() > 0) {
-            let (origin, size) = (tile.origin(), tile.size());
-            for (row_index, row) in tile.pixels.chunks_exact(size.x as usize).enumerate() {
-                let start = (origin.y as usize + row_index) * width + origin.x as usize;
-                for (to, pixel) in image[start..].iter_mut().zip(row) {
-                    *to = value(pixel, tile.held());
+        let columns = self.size.width.div_ceil(TILE_SIDE) as usize;
+        let rows = image.par_chunks_mut(width * TILE_SIDE as usize);
+        rows.zip(self.tiles.par_chunks(columns)).for_each(|(rows, tiles)| {
+            for tile in tiles.iter().filter(|tile| tile.passes() > 0) {
+                let (left, size) = (tile.origin().x as usize, tile.size());
+                let pixels = tile.pixels.chunks_exact(size.x as usize);
+                for (to, row) in rows.chunks_exact_mut(width).zip(pixels) {
+                    for (to, pixel) in to[left..].iter_mut().zip(row) {
+                        *to = value(pixel, tile.held());
+                    }
                 }
             }
-        }
+        });
         image
     }
 }

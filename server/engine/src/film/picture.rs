@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use super::{
     Film, MeasuredError, PictureSize, TILE_SIDE,
+    denoise::{Denoised, Denoising},
     measured::{Beside, neighbourhood_mean, of_pixels, relative},
     pixel::Pixel,
 };
@@ -27,6 +28,8 @@ const PASSES_BELIEVED: u32 = 16;
 #[derive(Clone, Debug)]
 pub struct Picture<'a> {
     film: &'a Film,
+    /// Where noise is taken off the film.
+    denoising: Option<Denoising>,
     blend: Option<Blend<'a>>,
 }
 
@@ -49,13 +52,44 @@ struct Weights {
 impl<'a> Picture<'a> {
     /// A film as it is.
     pub fn of(film: &'a Film) -> Picture<'a> {
-        Picture { film, blend: None }
+        Picture { film, denoising: None, blend: None }
     }
 
-    /// `film` blended with the path-traced film of the same view, whose samples must be independent of the first one's. While
+    /// The same with noise taken off the film (`denoise.rs`), which makes it biased; before it is blended. Takes some 0.1 µs a pixel when
+    /// it is first asked for what it shows.
+    ///
+    /// - `denoising`: of the film as it is
+    pub fn denoised(self, denoising: &Denoising) -> Picture<'a> {
+        Picture { denoising: Some(denoising.clone()), ..self }
+    }
+
+    /// The same blended with the path-traced film of the same view, whose samples must be independent of the first one's. While
     /// that has less than four passes it does not count. Takes some 0.2 µs a pixel.
-    pub fn blended(film: &'a Film, traced: &'a Film) -> Picture<'a> {
-        Picture { film, blend: Blend::of(film, traced) }
+    pub fn blended(self, traced: &'a Film) -> Picture<'a> {
+        Picture { blend: Blend::of(&self, traced), ..self }
+    }
+
+    fn noise_taken_off(&self) -> Option<&Denoised> {
+        Some(self.denoising.as_ref()?.of(self.film))
+    }
+
+    /// Share of the film's noise, as relMSE, that the picture has of it before it is blended: all, unless it is taken off.
+    pub fn noise_left(&self) -> f64 {
+        self.noise_taken_off().map_or(1.0, |denoised| denoised.noise_left)
+    }
+
+    /// The film without the path-traced one.
+    fn own_radiance(&self) -> Vec<Rgb> {
+        let mut image = self.film.radiance();
+        if let Some(denoised) = self.noise_taken_off() {
+            change(&mut image, &denoised.change);
+        }
+        image
+    }
+
+    /// The film that it shows, or shows beside the path-traced one.
+    pub fn film(&self) -> &'a Film {
+        self.film
     }
 
     /// Size of the picture.
@@ -81,12 +115,16 @@ impl<'a> Picture<'a> {
 
     /// Radiance of all path classes together, W/(m² sr); black where no pass has run.
     pub fn radiance(&self) -> Vec<Rgb> {
-        self.mixed(Film::radiance)
+        self.mixed(self.own_radiance(), Film::radiance)
     }
 
     /// Radiance of one path class, W/(m² sr). The layers add up to [`Picture::radiance`].
     pub fn layer(&self, class: PathClass) -> Vec<Rgb> {
-        self.mixed(|film| film.layer(class))
+        let mut image = self.film.layer(class);
+        if self.denoising.is_some() {
+            change(&mut image, &Denoised::change_of(self.film, class));
+        }
+        self.mixed(image, |film| film.layer(class))
     }
 
     /// Mean albedo of the first hit; samples that hit nothing count as black.
@@ -104,9 +142,12 @@ impl<'a> Picture<'a> {
         self.film.depth()
     }
 
-    /// Variance of each pixel's luminance, (W/(m² sr))²; see [`Film::variance`].
+    /// Variance of each pixel's luminance, (W/(m² sr))²; see [`Film::variance`]. Where noise was taken off, what is left of it.
     pub fn variance(&self) -> Vec<f32> {
-        let mut image = self.film.variance();
+        let mut image = match self.noise_taken_off() {
+            Some(denoised) => denoised.variance.clone(),
+            None => self.film.variance(),
+        };
         if let Some(blend) = &self.blend {
             let traced = blend.traced.variance();
             blend.weights.for_all(self.size(), &mut image, |index, weight, shown| {
@@ -117,8 +158,8 @@ impl<'a> Picture<'a> {
         image
     }
 
-    fn mixed(&self, image_of: impl Fn(&Film) -> Vec<Rgb>) -> Vec<Rgb> {
-        let mut image = image_of(self.film);
+    fn mixed(&self, own: Vec<Rgb>, image_of: impl Fn(&Film) -> Vec<Rgb>) -> Vec<Rgb> {
+        let mut image = own;
         if let Some(blend) = &self.blend {
             let traced = image_of(blend.traced);
             blend.weights.for_all(self.size(), &mut image, |index, weight, shown| {
@@ -130,14 +171,24 @@ impl<'a> Picture<'a> {
     }
 }
 
+/// Adds to every pixel; what rounding leaves below zero is black.
+fn change(image: &mut [Rgb], by: &[Rgb]) {
+    for (shown, change) in image.iter_mut().zip(by) {
+        *shown = (*shown + *change).map(|channel| channel.max(0.0));
+    }
+}
+
 impl<'a> Blend<'a> {
     /// `None` where nothing can be said: too few passes of `traced`, or all black.
-    fn of(film: &Film, traced: &'a Film) -> Option<Blend<'a>> {
-        let size = film.size();
+    fn of(picture: &Picture<'_>, traced: &'a Film) -> Option<Blend<'a>> {
+        let (film, size) = (picture.film, picture.size());
         if traced.passes_min() < PASSES_COUNTED || traced.size() != size {
             return None;
         }
-        let shown = film.image([0.0; 3], Pixel::total_mean);
+        let shown: Vec<[f64; 3]> = match picture.denoising {
+            Some(_) => picture.own_radiance().iter().map(|colour| colour.to_array().map(f64::from)).collect(),
+            None => film.image([0.0; 3], Pixel::total_mean),
+        };
         let other = traced.image([0.0; 3], Pixel::total_mean);
         let noise = traced.image([0.0; 3], Pixel::squared_error_of_mean);
         let mean_of = |image: &[[f64; 3]]| image.iter().flatten().sum::<f64>() / (3 * image.len()) as f64;
@@ -308,7 +359,7 @@ mod tests {
             let film = film_of(1, |_, _, _| 1.0 + bias);
             for seed in 0..40 {
                 let traced = noisy(seed, 33);
-                let picture = Picture::blended(&film, &traced);
+                let picture = Picture::of(&film).blended(&traced);
                 figures[0].add(squared_error(&picture.radiance()));
                 figures[1].add(picture.measured_error().unwrap().rel_mse);
                 figures[2].add(picture.measured_error_of_film().unwrap().rel_mse);
@@ -335,14 +386,14 @@ mod tests {
     fn noise_does_not_show_before_it_is_known() {
         let film = film_of(4, |x, _, _| 1.0 + 0.1 * (x % 3) as f32);
         let single = noisy(1, PASSES_COUNTED - 1);
-        assert_eq!(Picture::blended(&film, &single).radiance(), film.radiance());
+        assert_eq!(Picture::of(&film).blended(&single).radiance(), film.radiance());
         let struck = |x, y, pass| if (x, y, pass) == (20, 20, 5) { 1e6 } else { 1.0 };
         let firefly = film_of(16, struck);
-        let picture = Picture::blended(&film, &firefly);
+        let picture = Picture::of(&film).blended(&firefly);
         let at = 20 * 64 + 20;
         assert!((picture.radiance()[at].g / film.radiance()[at].g - 1.0).abs() < 0.05);
         let traced = noisy(2, 50);
-        let picture = Picture::blended(&film, &traced);
+        let picture = Picture::of(&film).blended(&traced);
         assert!(picture.traced_share() > 0.05 && picture.traced_share() < 1.0);
         let mut sum = vec![Rgb::BLACK; film.size().pixel_count()];
         for class in PathClass::ALL {
@@ -352,7 +403,7 @@ mod tests {
             assert!((sum.g - whole.g).abs() < 1e-5);
         }
         let black = film_of(2, |_, _, _| 0.0);
-        assert!(Picture::blended(&black, &black).radiance().iter().all(|colour| colour.is_black()));
+        assert!(Picture::of(&black).blended(&black).radiance().iter().all(|colour| colour.is_black()));
     }
 
     /// What two independent estimates of some pixels say of a picture is its squared error in the mean, noise and bias, though

@@ -7,6 +7,7 @@ use super::{
     chain::{Measuring, Outlook, Spent},
     forecast::{self, Way},
     hidden::{HiddenFor, HiddenHalves, HiddenLight},
+    own_picture,
 };
 use crate::{
     film::{MeasuredError, Picture},
@@ -157,7 +158,8 @@ impl Rendering {
         });
         let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
-            self.outlook = Outlook::of((&self.film, looked_up), traced, measuring);
+            let picture = own_picture((&self.settings, &self.film), &self.denoising, true);
+            self.outlook = Outlook::of((&picture, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             let measured = self.measured_error();
             self.confirm(measured.as_ref());

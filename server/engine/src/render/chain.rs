@@ -277,7 +277,7 @@ impl Measuring {
         if is_blend {
             0.0
         } else {
-            NOISE_SURE * self.sure_noise / f64::from(film.passes_min().max(1)).powi(2)
+            NOISE_SURE * picture.noise_left() * self.sure_noise / f64::from(film.passes_min().max(1)).powi(2)
         }
     }
 
@@ -456,19 +456,20 @@ pub(super) struct Outlook {
 impl Outlook {
     /// `None` while too little is known.
     ///
-    /// - `film`, `traced`: of looked-up light, and path-traced
+    /// - `picture`, `traced`: of looked-up light, and path-traced
     pub(super) fn of(
-        (film, spent): (&Film, Spent),
+        (picture, spent): (&Picture<'_>, Spent),
         traced: Option<(&Film, Spent)>,
         measuring: &mut Measuring,
     ) -> Option<Outlook> {
         let cost = measuring.gauge.cost()?;
+        let film = picture.film();
         let (noise, passes) = film.noise()?;
         measuring.sure_noise = noise.interval_95[0] * f64::from(passes).powi(2);
-        let noise = noise.rel_mse;
-        let by_gauge = measuring.error_of(&Picture::of(film), film)?;
+        let noise = picture.noise_left() * noise.rel_mse;
+        let by_gauge = measuring.error_of(picture, film)?;
         let by_tracing =
-            traced.and_then(|(traced, _)| Picture::blended(film, traced).measured_error_of_film());
+            traced.and_then(|(traced, _)| picture.clone().blended(traced).measured_error_of_film());
         let measured = by_tracing.map_or(by_gauge, |error| by_gauge.surer(error));
         let (error, [sure_error, _]) = (measured.rel_mse, measured.interval_95);
         let pixel_count = film.size().pixel_count() as f64;
@@ -478,7 +479,7 @@ impl Outlook {
             Some(((noise, passes), spent)) => (noise.rel_mse * f64::from(passes), spent.rays_a_pass()),
             None => (cost.variance, cost.rays * pixel_count),
         };
-        measuring.choose_pixels_or_samples(&film.radiance(), film.size());
+        measuring.choose_pixels_or_samples(&picture.radiance(), film.size());
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
             noise,

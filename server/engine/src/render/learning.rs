@@ -7,7 +7,7 @@ use std::{
 
 use super::{Illumination, Learning, RecordReport, Rendering, Stage, tracer};
 use crate::{
-    film::Outdated,
+    film::{Denoising, Outdated},
     technique::{Progress, SecondaryLight},
     transport::PathClass,
 };
@@ -172,6 +172,7 @@ impl Rendering {
             _ => &[PathClass::Indirect, PathClass::Caustic],
         };
         self.film.outdate(classes, outdated);
+        self.denoising = Denoising::default();
         // Found of the light before.
         (self.outlook, self.is_confirmed) = (None, false);
     }

@@ -31,7 +31,7 @@ use crate::gpu::GpuError;
 use crate::{
     accel::Ray,
     effects::{EffectChoices, EffectKind, EffectPlan},
-    film::{Film, Outdated, Picture, PictureSize},
+    film::{Denoising, Film, Outdated, Picture, PictureSize},
     math::sobol,
     scene::CameraView,
     technique::{
@@ -142,6 +142,8 @@ pub struct RenderSettings {
     pub measuring: MeasuringShare,
     /// Where it is drawn.
     pub backend: Backend,
+    /// Noise stays in what is looked up: [denoised](Picture::denoised) it is else. What is path-traced alone never is.
+    pub keeps_noise: bool,
 }
 
 impl RenderSettings {
@@ -152,6 +154,7 @@ impl RenderSettings {
     pub fn picture_bytes(&self, plan: &EffectPlan, pixel_count: usize) -> usize {
         let films = if self.indirect == Indirect::Auto { 2 } else { 1 };
         // Of hidden light each film has its own, and each half of the measure.
+        let denoising = if self.looks_up() && !self.keeps_noise { Denoising::BYTES_PER_PIXEL } else { 0 };
         let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
         let light = (maps * of.bytes_max()).max(CausticSketch::bytes_max(pixel_count));
@@ -160,7 +163,7 @@ impl RenderSettings {
             _ => 0,
         };
         films * pixel_count * (Film::BYTES_PER_PIXEL + self.backend.bytes_per_pixel())
-            + pixel_count * laid_out
+            + pixel_count * (laid_out + denoising)
             + if maps > 0 { light } else { 0 }
     }
 
@@ -208,11 +211,25 @@ impl RenderSettings {
     }
 }
 
+/// The picture that a film shows by itself.
+///
+/// - `is_looked_up`: its error is measured against path tracing, bias included
+fn own_picture<'a>(
+    (settings, film): (&RenderSettings, &'a Film),
+    denoising: &Denoising,
+    is_looked_up: bool,
+) -> Picture<'a> {
+    let picture = Picture::of(film);
+    if is_looked_up && !settings.keeps_noise { picture.denoised(denoising) } else { picture }
+}
+
 /// A picture in the making.
 pub struct Rendering {
     world: Arc<World>,
     view: View,
     film: Film,
+    /// Of the film as it is.
+    denoising: Denoising,
     technique: PathTracer,
     /// Seconds that laying known light out over the picture took by what drew before, of all threads.
     splat_seconds: f64,
@@ -330,6 +347,7 @@ impl Rendering {
             view: View::new(&world, &view, size),
             world,
             film: Film::new(size),
+            denoising: Denoising::default(),
             technique: tracer(&settings, looked_up, learnt, known),
             splat_seconds: 0.0,
             #[cfg(feature = "gpu")]
@@ -415,6 +433,7 @@ impl Rendering {
 
     /// A pass of the film that is drawn with what is known.
     fn draw(&mut self, cancel: &AtomicBool) -> Progress {
+        self.denoising = Denoising::default();
         let pass = pass_of(&self.film);
         let withdrawn = self.sketch.take_if(|_| pass > 0 || !self.technique.asks());
         if withdrawn.is_some() {
@@ -523,9 +542,10 @@ impl Rendering {
 
     /// The picture so far.
     pub fn picture(&self) -> Picture<'_> {
+        let picture = own_picture((&self.settings, &self.film), &self.denoising, self.is_looked_up());
         match &self.traced {
-            Some(traced) => Picture::blended(&self.film, traced),
-            None => Picture::of(&self.film),
+            Some(traced) => picture.blended(traced),
+            None => picture,
         }
     }
 

@@ -70,6 +70,10 @@ pub struct RenderArgs {
     /// where there is something to follow, and changes nothing that is seen
     #[arg(long, value_name = "LIST", default_value = "", value_parser = parse_effects, hide_default_value = true)]
     pub effects: EffectChoices,
+    /// Leave noise in pictures of looked-up light, instead of joining each pixel's with that of pixels around which show the same surface
+    /// and differ by no more than their noise. What that blurs is in the error measured; path is never touched
+    #[arg(long)]
+    pub keep_noise: bool,
     /// Names the random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,

@@ -12,7 +12,7 @@ use crate::convert::{forecast, forecast_record};
 /// Between two looks at the film: measuring its error costs a few milliseconds on large pictures.
 const PAUSE_SECONDS: f64 = 0.2;
 /// And this share of the time so far.
-const PAUSE_SHARE: f64 = 0.05;
+const PAUSE_SHARE: f64 = 0.1;
 
 /// What was last seen of the picture, and what is expected of it.
 #[derive(Debug)]

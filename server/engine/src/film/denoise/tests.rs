@@ -1,0 +1,230 @@
+use super::*;
+use crate::{
+    film::{Film, Picture, PictureSize, PixelSample},
+    math::sobol::PixelSampler,
+};
+
+const WIDTH: u32 = 64;
+const HEIGHT: u32 = 48;
+
+/// A grey sheet, faced straight.
+fn sheet(radiance: f32) -> PixelSample {
+    let mut sample =
+        PixelSample { albedo: Rgb::splat(0.5), normal: Vec3::Z, depth_m: 2.0, ..PixelSample::BLACK };
+    sample.radiance[PathClass::Direct as usize] = Rgb::splat(0.4 * radiance);
+    sample.radiance[PathClass::Indirect as usize] = Rgb::splat(0.6 * radiance);
+    sample
+}
+
+fn film_of(size: PictureSize, passes: u32, sample: impl Fn(u32, u32, u32) -> PixelSample) -> Film {
+    let mut film = Film::new(size);
+    for pass in 0..passes {
+        film.tiles_mut().iter_mut().for_each(|tile| tile.add_pass(|x, y| sample(x, y, pass)));
+    }
+    film
+}
+
+fn size() -> PictureSize {
+    PictureSize::new(WIDTH, HEIGHT).unwrap()
+}
+
+/// From 0 to 2, evenly, in the mean 1.
+fn noise(x: u32, y: u32, pass: u32) -> f32 {
+    let [u, ..] = PixelSampler::new(7, pass, y * WIDTH + x, 0).four(0);
+    2.0 * u
+}
+
+fn denoised(film: &Film) -> Vec<Rgb> {
+    Picture::of(film).denoised(&Denoising::default()).radiance()
+}
+
+/// Mean of (value − truth)² over the columns.
+fn squared_error(image: &[Rgb], columns: Range<u32>, truth: f32) -> f64 {
+    let is_meant = |index: &usize| columns.contains(&(*index as u32 % WIDTH));
+    let errors: Vec<f64> =
+        (0..image.len()).filter(is_meant).map(|index| f64::from(image[index].g - truth).powi(2)).collect();
+    errors.iter().sum::<f64>() / errors.len() as f64
+}
+
+/// On an evenly lit sheet nearly all noise goes, nothing of the light with it, and what is left is told.
+#[test]
+fn noise_goes_where_light_is_even() {
+    for passes in [2, 4, 16, 64] {
+        let film = film_of(size(), passes, |x, y, pass| sheet(noise(x, y, pass)));
+        let denoising = Denoising::default();
+        let picture = Picture::of(&film).denoised(&denoising);
+        let (before, after) = (film.radiance(), picture.radiance());
+        let [raw, left] = [&before, &after].map(|image| squared_error(image, 0..WIDTH, 1.0));
+        assert!(left < 0.15 * raw, "{passes} passes: {left} of {raw}");
+        let mean =
+            |image: &[Rgb]| image.iter().map(|colour| f64::from(colour.g)).sum::<f64>() / image.len() as f64;
+        assert!(
+            (mean(&after) - mean(&before)).abs() < 0.01,
+            "{passes}: {} for {}",
+            mean(&after),
+            mean(&before)
+        );
+        let told = picture.noise_left();
+        assert!((0.7 * left..1.4 * left).contains(&(told * raw)), "{passes}: {told} told of {}", left / raw);
+    }
+}
+
+/// Of a single pass nothing is known of the noise but how light differs around.
+#[test]
+fn one_pass_is_smoothed_by_what_lies_around() {
+    let film = film_of(size(), 1, |x, y, pass| sheet(noise(x, y, pass)));
+    let [raw, left] = [film.radiance(), denoised(&film)].map(|image| squared_error(&image, 0..WIDTH, 1.0));
+    assert!(left < 0.25 * raw, "{left} of {raw}");
+    assert_eq!(Picture::of(&film).denoised(&Denoising::default()).noise_left(), 1.0);
+}
+
+/// Light does not go over to another surface, whatever tells them apart, however noisy it is.
+#[test]
+fn light_stays_on_its_surface() {
+    let turned = |sample: &mut PixelSample| sample.normal = Vec3::X;
+    let farther = |sample: &mut PixelSample| sample.depth_m = 2.4;
+    let darker = |sample: &mut PixelSample| sample.albedo = Rgb::splat(0.1);
+    type Edge<'a> = &'a dyn Fn(&mut PixelSample);
+    for (name, edge) in [("normal", &turned as Edge<'_>), ("depth", &farther), ("albedo", &darker)] {
+        let film = film_of(size(), 2, |x, y, pass| {
+            let is_other = x >= WIDTH / 2;
+            let mut sample = sheet(noise(x, y, pass) * if is_other { 0.2 } else { 1.0 });
+            if is_other {
+                edge(&mut sample);
+            }
+            sample
+        });
+        let image = denoised(&film);
+        let beside = |column: u32| {
+            let column = (0..HEIGHT).map(|y| f64::from(image[(y * WIDTH + column) as usize].g));
+            column.sum::<f64>() / f64::from(HEIGHT)
+        };
+        let [bright, dark] = [beside(WIDTH / 2 - 1), beside(WIDTH / 2)];
+        assert!((bright - 1.0).abs() < 0.12 && (dark - 0.2).abs() < 0.03, "{name}: {bright}, {dark}");
+    }
+}
+
+/// The edge of a shadow on one sheet is blurred while samples are few, and no more once they tell it from noise.
+#[test]
+fn what_is_known_is_left_alone() {
+    let shadow = |x: u32| if x < WIDTH / 2 { 1.0 } else { 0.5 };
+    let change_with = |passes: u32| {
+        let film = film_of(size(), passes, |x, y, pass| sheet(shadow(x) * noise(x, y, pass)));
+        let image = denoised(&film);
+        // Of the two columns at the edge.
+        let [bright, dark] = [(WIDTH / 2 - 1, 1.0), (WIDTH / 2, 0.5)]
+            .map(|(column, truth)| squared_error(&image, column..column + 1, truth).sqrt());
+        bright + dark
+    };
+    let [few, many, most] = [4, 64, 1024].map(change_with);
+    assert!(few > 3.0 * many && many > 2.0 * most && most < 0.03, "{few}, {many}, {most}");
+}
+
+/// A picture without noise stays as it is, but for the last bit; so does light of emitters, however noisy.
+#[test]
+fn without_noise_nothing_changes() {
+    let still =
+        film_of(size(), 8, |x, y, _| sheet(1.0 + 0.3 * (0.4 * x as f32).sin() * (0.3 * y as f32).cos()));
+    for (before, after) in still.radiance().iter().zip(denoised(&still)) {
+        assert!((before.g - after.g).abs() <= 1e-6, "{before:?} {after:?}");
+    }
+    let shining = film_of(size(), 8, |x, y, pass| {
+        let mut sample = sheet(1.0);
+        sample.radiance[PathClass::Emitted as usize] = Rgb::splat(noise(x, y, pass));
+        sample
+    });
+    let picture = Picture::of(&shining).denoised(&Denoising::default());
+    assert_eq!(picture.layer(PathClass::Emitted), shining.layer(PathClass::Emitted));
+    for (before, after) in shining.radiance().iter().zip(picture.radiance()) {
+        assert!((before.g - after.g).abs() <= 1e-6);
+    }
+}
+
+/// Two colours of one luminance are two colours.
+#[test]
+fn colours_of_one_luminance_do_not_mix() {
+    let film = film_of(size(), 8, |x, _, _| {
+        let mut sample = sheet(0.0);
+        let colour =
+            if x < WIDTH / 2 { Rgb::new(1.0, 0.0, 0.0) } else { Rgb::new(0.0, 0.2126 / 0.7152, 0.0) };
+        sample.radiance[PathClass::Direct as usize] = colour;
+        sample
+    });
+    assert!(
+        denoised(&film).iter().zip(film.radiance()).all(|(after, before)| (after.r - before.r).abs() < 1e-6)
+    );
+}
+
+/// Twice the light is twice the picture, to the last bit, and neither the largest nor the smallest numbers break it.
+#[test]
+fn the_unit_of_light_does_not_matter() {
+    let of = |scale: f32| {
+        denoised(&film_of(size(), 3, |x, y, pass| sheet(scale * noise(x, y, pass) * (1.0 + (x / 8) as f32))))
+    };
+    let one = of(1.0);
+    for scale in [2.0, 1024.0, 1.0 / 4096.0] {
+        assert!(one.iter().zip(of(scale)).all(|(one, other)| *one * scale == other), "{scale}");
+    }
+    for scale in [1e36, 1e-36] {
+        let image = of(scale);
+        assert!(image.iter().all(|colour| colour.is_finite() && colour.is_non_negative()), "{scale}");
+        let far =
+            one.iter().zip(image).map(|(one, other)| (other.g / scale - one.g).abs()).fold(0.0, f32::max);
+        assert!(far < 1e-3, "{scale}: {far}");
+    }
+}
+
+/// Numbers at their edges: what is hit at no distance, or where nothing is; albedo of zero; a spike.
+#[test]
+fn hostile_pixels_stay_finite() {
+    let depths = [0.0, 1e-40, f32::MIN_POSITIVE, 1.0, 1e30];
+    let film = film_of(size(), 4, |x, y, pass| {
+        let mut sample = sheet(noise(x, y, pass));
+        sample.depth_m = depths[(x % 5) as usize];
+        sample.albedo = Rgb::splat([0.0, 1.0, 1e20][(y % 3) as usize]);
+        if (x, y, pass) == (20, 20, 1) {
+            sample.radiance[PathClass::Caustic as usize] = Rgb::splat(1e37);
+        }
+        sample
+    });
+    let picture = Picture::of(&film).denoised(&Denoising::default());
+    assert!(picture.radiance().iter().all(|colour| colour.is_finite() && colour.is_non_negative()));
+    assert!(picture.variance().iter().all(|variance| variance.is_finite() && *variance >= 0.0));
+    assert!((0.0..=1.0).contains(&picture.noise_left()));
+}
+
+/// Pictures smaller than the filter, and films without a pass.
+#[test]
+fn small_pictures_and_empty_films() {
+    for (width, height) in [(1, 1), (1, 5), (3, 2), (9, 1), (17, 16)] {
+        let size = PictureSize::new(width, height).unwrap();
+        let film = film_of(size, 4, |x, y, pass| sheet(noise(x, y, pass)));
+        let image = denoised(&film);
+        assert_eq!(image.len(), size.pixel_count());
+        assert!(image.iter().all(|colour| colour.is_finite()), "{width} × {height}");
+    }
+    assert!(denoised(&Film::new(size())).iter().all(|colour| colour.is_black()));
+}
+
+/// The layers add up to the whole, and threads change nothing.
+#[test]
+fn layers_add_up_on_any_number_of_threads() {
+    let film = film_of(size(), 3, |x, y, pass| {
+        let mut sample = sheet(noise(x, y, pass));
+        sample.radiance[PathClass::Caustic as usize] = Rgb::new(0.1 * noise(y, x, pass), 0.2, 0.0);
+        sample
+    });
+    let draw = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let picture = Picture::of(&film).denoised(&Denoising::default());
+            (picture.radiance(), PathClass::ALL.map(|class| picture.layer(class)))
+        })
+    };
+    let (whole, layers) = draw(1);
+    for (index, whole) in whole.iter().enumerate() {
+        let sum = layers.iter().fold(Rgb::BLACK, |sum, layer| sum + layer[index]);
+        assert!((sum.g - whole.g).abs() < 1e-5 && (sum.r - whole.r).abs() < 1e-5);
+    }
+    assert_eq!(draw(3), (whole, layers));
+}
