@@ -51,10 +51,14 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let loaded = args.scene.load()?;
     let job = Job::prepare(&args, &loaded, start)?;
     let mut rendering = job.rendering()?;
-    let outcome = job.render(&mut rendering)?;
-    let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
-    let picture = encode(&args, format, &rendering.picture(), &facts)?;
-    let statistics = job.statistics(&rendering, &outcome);
+    // All of it keeps to the threads that were asked for: pictures are made of films by several.
+    let (outcome, picture, statistics) = job.pool.install(|| {
+        let outcome = job.render(&mut rendering)?;
+        let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
+        let picture = encode(&args, format, &rendering.picture(), &facts)?;
+        let statistics = job.statistics(&rendering, &outcome);
+        Ok::<_, CliError>((outcome, picture, statistics))
+    })?;
     if let Some(signal) = outcome.interrupt.came() {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
@@ -218,7 +222,7 @@ impl<'a> Job<'a> {
                 ));
             }
             let step_start = Instant::now();
-            self.pool.install(|| rendering.step(&cancel));
+            rendering.step(&cancel);
             if let Some(error) = rendering.take_gpu_failure() {
                 progress.finish();
                 // Who asked for the card by name is told that it does not do it; there may be a reason for the wish.
@@ -229,7 +233,7 @@ impl<'a> Job<'a> {
             }
             frame_seconds += step_start.elapsed().as_secs_f64();
             let seconds = self.seconds();
-            self.pool.install(|| outlook.look_if_due(rendering, seconds));
+            outlook.look_if_due(rendering, seconds);
             progress.show(rendering, &outlook, seconds);
             if rendering.passes() == 0 || interrupt.came().is_some() {
                 continue;

@@ -26,8 +26,10 @@ use crate::scene::Id;
 const OPEN_SHARE: f32 = 1.0 / 4096.0;
 /// Opening stops when the tree holds this many parts for each instance …
 const PARTS_PER_INSTANCE: usize = 4;
-/// … and one for so many triangles of all meshes, which keeps it at a sixth of the memory of theirs …
+/// … and one for so many triangles of all meshes, which keeps it at a sixth of the memory of theirs, and no more than so many: all
+/// parts of what an edit moves are fitted …
 const TRIANGLES_PER_PART: usize = 8;
+const PARTS_MAX: usize = 8192;
 /// … and this many in a small scene.
 const PARTS_MIN: usize = 512;
 /// A tree whose cost has grown by this factor over edits is worth building again.
@@ -373,7 +375,7 @@ fn parts_max(instances: &[Arc<Instance>]) -> usize {
     let meshes: HashMap<&Id, usize> =
         instances.iter().map(|instance| (instance.mesh_id(), instance.mesh().triangles().len())).collect();
     let triangles: usize = meshes.values().sum();
-    PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()).max(triangles / TRIANGLES_PER_PART)
+    PARTS_MIN.max(PARTS_PER_INSTANCE * instances.len()).max((triangles / TRIANGLES_PER_PART).min(PARTS_MAX))
 }
 
 impl Ord for Candidate {

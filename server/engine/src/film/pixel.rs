@@ -70,6 +70,11 @@ impl Held {
         }
     }
 
+    /// Passes that the sum of the class with the fewest holds.
+    pub(super) fn fewest(self) -> u32 {
+        self.passes - self.forgotten.into_iter().max().unwrap_or(0)
+    }
+
     /// Passes in the halves, even and odd ones.
     fn halves(self) -> [u32; 2] {
         let odd = self.passes / 2 - self.before_halves / 2;

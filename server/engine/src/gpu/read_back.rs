@@ -46,7 +46,7 @@ impl ReadBack {
 
     /// The bytes when they are there, `None` when they are not yet; once they were taken there are no more.
     ///
-    /// Errors: as [`ReadBack::collect`], but it never waits.
+    /// Errors: as [`ReadBack::collect`], but it never waits, unless the device refuses what it is asked for: then for what it has left to do.
     pub fn try_collect(&mut self) -> Result<Option<Vec<u8>>, GpuError> {
         self.map()?;
         self.staging.session.poll(wgpu::PollType::Poll)?;

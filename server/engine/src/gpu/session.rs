@@ -214,14 +214,18 @@ impl Session {
         self.check()?;
         match errors.into_iter().flatten().next() {
             None => Ok(done),
-            Some(error) => Err(self.loss_or(error_of(error))),
+            Some(error) => {
+                // The news of a device that is gone come when it has no work left; what refuses is looked at once, and can wait.
+                let _ =
+                    self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.wait_max) });
+                Err(self.loss_or(error_of(error)))
+            }
         }
     }
 
-    /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here, which is when
-    /// it has no work left.
+    /// What an error is of: commands to a device that is gone are refused for other reasons before the news of it are here.
     pub(super) fn loss_or(&self, error: GpuError) -> GpuError {
-        let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.wait_max) });
+        let _ = self.poll(wgpu::PollType::Poll);
         if self.fate.is_lost.load(Ordering::Acquire) { GpuError::Lost } else { error }
     }
 

@@ -49,7 +49,8 @@ impl Rendering {
             HiddenHalves::new(HiddenLight::new(&settings, self.size(), HiddenFor::Measure))
         });
         let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
-        afresh.repeat(measuring, (&self.world, &self.view), &self.film);
+        let image = self.own_picture().radiance();
+        afresh.repeat(measuring, (&self.world, &self.view), (&self.film, &image));
         afresh.error_of(&self.picture(), &self.film)
     }
 
@@ -150,6 +151,7 @@ impl Rendering {
     /// Keeps the measure of the error up with the rest of the work, and what comes next with that.
     pub(super) fn measure(&mut self, cancel: &AtomicBool) {
         self.keep_measuring_up(cancel);
+        let denoising = self.denoises();
         let Some(measuring) = &mut self.measuring else { return };
         let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
         let traced = self.traced.as_ref().map(|film| {
@@ -158,7 +160,7 @@ impl Rendering {
         });
         let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
-            let picture = own_picture((&self.settings, &self.film), &self.denoising, true);
+            let picture = own_picture(&self.film, denoising.as_ref());
             self.outlook = Outlook::of((&picture, looked_up), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             let measured = self.measured_error();

@@ -257,8 +257,13 @@ impl Measuring {
     }
 
     /// Measures as long as another did, choosing between more pixels and more samples as often as that would while a picture is drawn.
-    pub(super) fn repeat(&mut self, other: &Measuring, (world, view): (&World, &View), film: &Film) {
-        let (image, never) = (film.radiance(), AtomicBool::new(false));
+    pub(super) fn repeat(
+        &mut self,
+        other: &Measuring,
+        (world, view): (&World, &View),
+        (film, image): (&Film, &[Rgb]),
+    ) {
+        let never = AtomicBool::new(false);
         self.sure_noise = other.sure_noise;
         while self.rays < other.rays {
             let next = (self.rays as f64 * (1.0 + DECIDED_GROWTH)) as u64 + 1;
@@ -266,7 +271,7 @@ impl Measuring {
             if self.keep_up((world, view), film, 0, &never) == Counts::default() {
                 break;
             }
-            self.choose_pixels_or_samples(&image, film.size());
+            self.choose_pixels_or_samples(image, film.size());
         }
     }
 
@@ -436,8 +441,11 @@ impl Shortfall {
 pub(super) struct Outlook {
     /// Samples a pixel of both when it was found.
     samples: u32,
-    /// relMSE of the looked-up film, as far as it is its noise; and over how many passes; and the rest, which no sample lowers.
+    /// relMSE of the looked-up picture, as far as it is noise; that of its film; and over how many passes; and the rest, which no sample
+    /// lowers, but for what was blurred because of noise: to take that for what is not known learns more and sooner, and pictures are
+    /// better for it (cornell-glossy at 2 s: 6.5 % for 8.4 with a quarter of the noise taken off counted as noise).
     noise: f64,
+    film_noise: f64,
     passes: u32,
     floor: f64,
     /// relMSE of all of it, and the lower end of its interval.
@@ -466,7 +474,7 @@ impl Outlook {
         let film = picture.film();
         let (noise, passes) = film.noise()?;
         measuring.sure_noise = noise.interval_95[0] * f64::from(passes).powi(2);
-        let noise = picture.noise_left() * noise.rel_mse;
+        let (film_noise, noise) = (noise.rel_mse, picture.noise_left() * noise.rel_mse);
         let by_gauge = measuring.error_of(picture, film)?;
         let by_tracing =
             traced.and_then(|(traced, _)| picture.clone().blended(traced).measured_error_of_film());
@@ -483,6 +491,7 @@ impl Outlook {
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
             noise,
+            film_noise,
             passes,
             floor: (error - noise).max(0.0),
             error,
@@ -518,7 +527,7 @@ impl Outlook {
 
     /// Further samples of the looked-up film would change next to nothing.
     pub(super) fn is_at_its_floor(&self) -> bool {
-        self.noise < NOISE_NEGLIGIBLE * (self.noise + self.floor)
+        self.film_noise < NOISE_NEGLIGIBLE * self.film_noise.max(self.error)
     }
 
     /// Whose next pass takes more off the error of the blend for each ray.

@@ -142,7 +142,8 @@ pub struct RenderSettings {
     pub measuring: MeasuringShare,
     /// Where it is drawn.
     pub backend: Backend,
-    /// Noise stays in what is looked up: [denoised](Picture::denoised) it is else. What is path-traced alone never is.
+    /// Noise stays in what is looked up: [denoised](Picture::denoised) it is else, also while nothing is known yet to look up. What is
+    /// asked to be path-traced never is.
     pub keeps_noise: bool,
 }
 
@@ -212,15 +213,9 @@ impl RenderSettings {
 }
 
 /// The picture that a film shows by itself.
-///
-/// - `is_looked_up`: its error is measured against path tracing, bias included
-fn own_picture<'a>(
-    (settings, film): (&RenderSettings, &'a Film),
-    denoising: &Denoising,
-    is_looked_up: bool,
-) -> Picture<'a> {
+fn own_picture<'a>(film: &'a Film, denoising: Option<&Denoising>) -> Picture<'a> {
     let picture = Picture::of(film);
-    if is_looked_up && !settings.keeps_noise { picture.denoised(denoising) } else { picture }
+    denoising.map_or(picture.clone(), |denoising| picture.denoised(denoising))
 }
 
 /// A picture in the making.
@@ -540,9 +535,19 @@ impl Rendering {
         self.splat_seconds + self.technique.splat_seconds()
     }
 
+    /// What takes noise off the film: where its light is, or will be, looked up, and its error is measured with what that blurs in it.
+    fn denoises(&self) -> Option<Denoising> {
+        (self.is_looked_up() && !self.settings.keeps_noise).then(|| self.denoising.clone())
+    }
+
+    /// The picture without path tracing beside it.
+    fn own_picture(&self) -> Picture<'_> {
+        own_picture(&self.film, self.denoises().as_ref())
+    }
+
     /// The picture so far.
     pub fn picture(&self) -> Picture<'_> {
-        let picture = own_picture((&self.settings, &self.film), &self.denoising, self.is_looked_up());
+        let picture = self.own_picture();
         match &self.traced {
             Some(traced) => picture.blended(traced),
             None => picture,

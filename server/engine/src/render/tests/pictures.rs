@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use super::*;
 use crate::{
+    film::{Denoising, Picture},
     scene::CameraView,
     technique::{Card, ScatteredLight, SecondaryLight},
     transport::Surface,
@@ -392,4 +393,41 @@ fn errors_are_known_before_the_second_pass_ends() {
     let mut whole = picture();
     (0..2).for_each(|_| assert!(whole.step(&light.pause).complete));
     assert!(whole.picture().radiance() == sliced.picture().radiance());
+}
+
+/// What takes noise off is of the film as it is, whatever was drawn, cut short or replaced since; it is off where that is asked for, and
+/// what is asked to be path-traced never has it.
+#[test]
+fn noise_is_taken_off_the_film_as_it_is() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(40, 40).unwrap();
+    let draw = |indirect: Indirect, keeps_noise: bool| {
+        let settings =
+            RenderSettings { indirect, keeps_noise, learning: Learning::InStep, ..RenderSettings::default() };
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        let (mut steps, mut was_cut) = (0, false);
+        while rendering.film().passes_min() < 6 {
+            let cancel = AtomicBool::new(false);
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(std::time::Duration::from_micros(300));
+                    cancel.store(steps % 5 == 0, Ordering::Relaxed);
+                });
+                rendering.step(&cancel);
+            });
+            steps += 1;
+            was_cut |= rendering.film().passes_min() != rendering.film().passes_max();
+            let film = Picture::of(rendering.film());
+            let afresh = film.clone().denoised(&Denoising::default());
+            let expected = if keeps_noise || indirect == Indirect::Path { film } else { afresh };
+            assert_eq!(rendering.own_picture().radiance(), expected.radiance(), "{indirect:?}, step {steps}");
+        }
+        (rendering.picture().radiance(), was_cut)
+    };
+    let (path, _) = draw(Indirect::Path, false);
+    assert_eq!(path, draw(Indirect::Path, true).0);
+    let (looked_up, was_cut) = draw(Indirect::Octree, false);
+    assert!(was_cut, "no pass was cut short: nothing was tried");
+    assert!(looked_up != draw(Indirect::Octree, true).0);
 }

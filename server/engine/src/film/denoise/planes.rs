@@ -1,0 +1,112 @@
+//! Numbers of pixels, laid out so that eight pixels of a row, and eight others as far from each, are read at once.
+
+use fearless_simd::{Level, Simd, SimdBase, dispatch, f32x8};
+use rayon::prelude::*;
+
+/// Pixels that are computed together.
+const EIGHT: usize = 8;
+
+/// What makes numbers of eight pixels that begin at a row and column.
+pub(super) trait OfEight<const COUNT: usize>: Sync {
+    /// The numbers, plane by plane.
+    fn of<S: Simd>(&self, simd: S, y: usize, x: usize) -> [f32x8<S>; COUNT];
+}
+
+/// Columns on either side of a picture that can be read as others are: no step is longer.
+pub(super) const MARGIN: usize = 8;
+
+/// Numbers of every pixel: rows top to bottom, in each one plane after the other, in each of them the pixels of the row between margins.
+/// The margin on the right is wider where the width is no multiple of eight.
+#[derive(Clone, Debug)]
+pub(super) struct Planes {
+    width: usize,
+    rows: usize,
+    count: usize,
+    stride: usize,
+    numbers: Vec<f32>,
+}
+
+impl Planes {
+    fn filled(width: usize, rows: usize, count: usize, with: f32) -> Planes {
+        let stride = MARGIN + width.next_multiple_of(EIGHT) + MARGIN;
+        Planes { width, rows, count, stride, numbers: vec![with; rows * count * stride] }
+    }
+
+    /// Of the pixels' numbers, row by row; the margins hold others.
+    pub(super) fn of<T: Sync, const COUNT: usize>(
+        width: usize,
+        pixels: &[T],
+        margins: f32,
+        at: impl Fn(usize, &T) -> [f32; COUNT] + Sync,
+    ) -> Planes {
+        let mut planes = Planes::filled(width, pixels.len() / width, COUNT, margins);
+        let stride = planes.stride;
+        planes.numbers.par_chunks_mut(COUNT * stride).zip(pixels.par_chunks(width)).enumerate().for_each(
+            |(y, (numbers, row))| {
+                for (x, pixel) in row.iter().enumerate() {
+                    for (plane, number) in at(y * width + x, pixel).into_iter().enumerate() {
+                        numbers[plane * stride + MARGIN + x] = number;
+                    }
+                }
+            },
+        );
+        planes
+    }
+
+    /// Others of as many pixels, with zeros in their margins.
+    pub(super) fn made<const COUNT: usize>(&self, by: &impl OfEight<COUNT>) -> Planes {
+        let mut planes = Planes::filled(self.width, self.rows, COUNT, 0.0);
+        let (stride, level) = (planes.stride, Level::new());
+        // The same operations with all instructions, and none of them fuses: the same bytes.
+        planes.numbers.par_chunks_mut(COUNT * stride).enumerate().for_each(|(y, numbers)| {
+            dispatch!(level, simd => {
+                for x in (0..self.width).step_by(EIGHT) {
+                    for (plane, eight) in by.of(simd, y, x).into_iter().enumerate() {
+                        let eight: [f32; EIGHT] = eight.into();
+                        numbers[plane * stride + MARGIN + x..][..EIGHT].copy_from_slice(&eight);
+                    }
+                }
+            });
+        });
+        planes
+    }
+
+    /// The numbers of eight pixels that begin at a column, which may lie in the margins, plus [`MARGIN`].
+    #[inline(always)]
+    pub(super) fn eight<S: Simd>(&self, simd: S, y: usize, plane: usize, column: usize) -> f32x8<S> {
+        let from = &self.numbers[(y * self.count + plane) * self.stride + column..];
+        // Every column that is asked for is there.
+        f32x8::load_array_ref(simd, from.first_chunk().unwrap_or(&[0.0; EIGHT]))
+    }
+
+    /// Where the numbers of a pixel are.
+    #[inline]
+    pub(super) fn place(&self, index: usize) -> Place<'_> {
+        let (y, x) = (index / self.width, index % self.width);
+        Place { planes: self, first: y * self.count * self.stride + MARGIN + x }
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Numbers of a pixel.
+    pub(super) fn count(&self) -> usize {
+        self.count
+    }
+}
+
+/// The numbers of a pixel.
+#[derive(Clone, Copy)]
+pub(super) struct Place<'a> {
+    planes: &'a Planes,
+    first: usize,
+}
+
+impl Place<'_> {
+    /// That of a plane.
+    #[inline]
+    pub(super) fn at(self, plane: usize) -> f32 {
+        self.planes.numbers[self.first + plane * self.planes.stride]
+    }
+}
