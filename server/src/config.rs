@@ -472,7 +472,7 @@ fn overlay(
     value: toml::Value,
     origin: String,
 ) -> Result<(), ConfigError> {
-    use toml::Value::{Array, Float, Integer, String};
+    use toml::Value::{Array, Boolean, Float, Integer, String};
     let Some(place) = table.get_mut(key) else {
         return Err(ConfigError::UnknownKey { origin, key: key.into() });
     };
@@ -486,10 +486,12 @@ fn overlay(
         (Float(_), Integer(value)) => Float(value as f64),
         (Float(_), value @ Float(_)) | (String(_), value @ String(_)) => value,
         (Integer(_), Integer(value)) if value >= 0 => Integer(value),
+        (Boolean(_), value @ Boolean(_)) => value,
         (Array(_), Array(values)) if values.iter().all(toml::Value::is_str) => Array(values),
         (Float(_), value) => return Err(wrong(value, "a number")),
         (String(_), value) => return Err(wrong(value, "a text in quotes")),
         (Array(_), value) => return Err(wrong(value, "a list of texts")),
+        (Boolean(_), value) => return Err(wrong(value, "true or false")),
         (_, value) => return Err(wrong(value, "a whole number, at least 0")),
     };
     Ok(())
@@ -497,11 +499,12 @@ fn overlay(
 
 /// The same from a text, read as the type that the setting has.
 fn overlay_text(table: &mut toml::Table, key: &str, text: &str, origin: String) -> Result<(), ConfigError> {
-    use toml::Value::{Array, Float, Integer, String};
+    use toml::Value::{Array, Boolean, Float, Integer, String};
     let as_text = || String(text.into());
     let value = match table.get(key) {
         Some(Integer(_)) => text.trim().parse().map_or_else(|_| as_text(), Integer),
         Some(Float(_)) => text.trim().parse().map_or_else(|_| as_text(), Float),
+        Some(Boolean(_)) => text.trim().parse().map_or_else(|_| as_text(), Boolean),
         Some(Array(_)) => {
             let parts = text.split(',').map(str::trim).filter(|part| !part.is_empty());
             Array(parts.map(|part| String(part.into())).collect())
@@ -534,6 +537,8 @@ mod tests {
         let origins =
             load("", &[("LUMICAST_ALLOW_ORIGINS", "http://a, http://b")], &[]).unwrap().allow_origins;
         assert_eq!(origins, ["http://a", "http://b"]);
+        assert!(load("keep_noise = true", &[], &[]).unwrap().keep_noise);
+        assert!(!load("keep_noise = true", &[("LUMICAST_KEEP_NOISE", "false")], &[]).unwrap().keep_noise);
         // A whole number will do where a fraction is expected.
         assert_eq!(load("frame_seconds = 3", &[], &[]).unwrap().frame_seconds, 3.0);
     }
@@ -571,6 +576,7 @@ mod tests {
             ("picture_width = 70000", "picture_width"),
             ("backend = \"abacus\"", "backend"),
             ("scenes = 0", "scenes"),
+            ("keep_noise = 1", "true or false"),
             ("frame_seconds = nan", "frame_seconds"),
             ("[http]\nport = 1", "http"),
             ("threads", "config file"),
