@@ -215,7 +215,10 @@ impl RenderSettings {
 /// The picture that a film shows by itself.
 fn own_picture<'a>(film: &'a Film, denoising: Option<&Denoising>) -> Picture<'a> {
     let picture = Picture::of(film);
-    denoising.map_or(picture.clone(), |denoising| picture.denoised(denoising))
+    match denoising {
+        Some(denoising) => picture.denoised(denoising),
+        None => picture,
+    }
 }
 
 /// A picture in the making.
