@@ -10,6 +10,7 @@ use lumicast_engine::scene::SceneLimits;
 use lumicast_protocol::Limits;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use std::time::Duration;
 
 /// Why settings were refused.
 #[derive(Debug, thiserror::Error)]
@@ -218,6 +219,9 @@ settings! {
     /// 600 bytes each with their places, index and the copy that is shown. When no more fit and somebody looks elsewhere, those
     /// for what is looked at then are made anew.
     irradiance_records: u32 = 500_000;
+    /// How long a scene keeps what it knows of its light when the last who looked has gone, s, 0 to 86400: whoever comes back, or reloads
+    /// a page, is shown that at once. Edits of the light drop it. It takes the memory of photons, octree and records above.
+    kept_light_s: f64 = 60.0;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
     /// second with packing and sending.
     moving_pass_ms: f64 = 40.0;
@@ -348,6 +352,11 @@ impl Config {
         MeasuringShare::of_percent(self.measuring_percent).unwrap_or_default()
     }
 
+    /// How long what is known of light is kept when nobody looks any more.
+    pub fn kept_light(&self) -> Duration {
+        Duration::from_secs_f64(self.kept_light_s)
+    }
+
     fn check(&self) -> Result<(), ConfigError> {
         let bad = |key, value: &dyn std::fmt::Display, expected| {
             Err(ConfigError::OutOfRange { key, value: value.to_string(), expected })
@@ -425,6 +434,9 @@ impl Config {
         }
         if !(self.frames_per_second > 0.0 && self.frames_per_second <= 1000.0) {
             return bad("frames_per_second", &self.frames_per_second, "above 0 and at most 1000");
+        }
+        if !(0.0..=86_400.0).contains(&self.kept_light_s) {
+            return bad("kept_light_s", &self.kept_light_s, "0 to 86400");
         }
         if !(1.0..=10_000.0).contains(&self.moving_pass_ms) {
             return bad("moving_pass_ms", &self.moving_pass_ms, "1 to 10000");

@@ -3,6 +3,8 @@
 //! Rungs are divisors 1, 2, 4, 8, 16 of the asked size. The speed is measured, in pixel samples a second, so the
 //! choice follows the machine, the scene and the load without any setting.
 
+use std::time::{Duration, Instant};
+
 /// Smaller than a sixteenth is no picture any more: a slower machine is shown that.
 pub(super) const DIVISOR_MAX: u32 = 16;
 /// A pass of full size this short is drawn at once when the camera rests; a longer one is led up to rung by rung, so
@@ -15,6 +17,10 @@ const NEWEST_SHARE: f64 = 0.4;
 
 /// Share of the budget that a finer rung may take: between rungs lies a factor of four, so this leaves room on both sides.
 const TIME_TO_SPARE: f64 = 0.6;
+
+/// A picture that had to become coarser while things move becomes no finer for so long: what a pass takes wavers with the view, and a
+/// size that goes up and down with it is worse to look at than a small one.
+const FINER_PAUSE: Duration = Duration::from_secs(2);
 
 /// Width and height in pixels.
 pub(super) type Size = [u16; 2];
@@ -68,6 +74,39 @@ impl Speed {
     }
 }
 
+/// The rung of one viewer's passes while things move.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct QuickRung {
+    divisor: u32,
+    /// When it became coarser last.
+    coarsened: Option<Instant>,
+}
+
+impl Default for QuickRung {
+    fn default() -> QuickRung {
+        QuickRung { divisor: DIVISOR_MAX, coarsened: None }
+    }
+}
+
+impl QuickRung {
+    /// The divisor of the next pass.
+    ///
+    /// - `budget_seconds`: that the pass may take
+    pub(super) fn next(&self, speed: &Speed, full: Size, budget_seconds: f64, now: Instant) -> u32 {
+        let fitting = speed.divisor_within(full, budget_seconds, self.divisor);
+        let stays = self.coarsened.is_some_and(|at| now.saturating_duration_since(at) < FINER_PAUSE);
+        if stays { fitting.max(self.divisor) } else { fitting }
+    }
+
+    /// Takes note of what was drawn.
+    pub(super) fn take(&mut self, divisor: u32, now: Instant) {
+        if divisor > self.divisor {
+            self.coarsened = Some(now);
+        }
+        self.divisor = divisor;
+    }
+}
+
 /// Divisors from `first` on, coarser and coarser.
 pub(super) fn rungs(first: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(first), |divisor| Some(divisor * 2))
@@ -108,6 +147,25 @@ mod tests {
         assert_eq!(barely.divisor_within(full, 0.04, 4), 4);
         let easily = Speed { samples_per_second: 320.0 * 180.0 / 0.02 };
         assert_eq!(easily.divisor_within(full, 0.04, 4), 2);
+    }
+
+    /// A speed that wavers by a factor of eight changes the size once in two seconds at most, after the first time.
+    #[test]
+    fn a_size_does_not_waver_with_the_speed() {
+        let (full, mut rung, start) = ([640, 360], QuickRung::default(), Instant::now());
+        let [slow, fast] = [0.04, 0.005].map(|seconds| Speed { samples_per_second: 160.0 * 90.0 / seconds });
+        let mut changes = 0;
+        for pass in 0..200u32 {
+            let now = start + pass * Duration::from_millis(50);
+            let speed = if pass % 3 == 0 { slow } else { fast };
+            let before = rung.divisor;
+            let divisor = rung.next(&speed, full, 0.04, now);
+            assert!(speed.pass_seconds(scaled(full, divisor)) <= 0.04);
+            rung.take(divisor, now);
+            changes += u32::from(divisor != before);
+        }
+        // 10 s: coarser and finer again every two.
+        assert!(changes > 2 && changes <= 12, "{changes} changes");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What a scene knows of its light, kept for all its viewers while one of them looks through it.
 //!
 //! Lives on the render thread. Edits are followed by what they changed, so that light that no edit touched is not computed
-//! again; a scene that nobody looks at, or by path tracing alone, has none, and pays nothing.
+//! again. A scene that nobody looks at, or by path tracing alone, learns nothing and follows no edit; what it knew it keeps for a minute.
 
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
@@ -92,7 +92,11 @@ pub(super) struct Gaze {
     pub(super) irradiance_accuracy: f32,
 }
 
-/// What is learnt of one scene's light, for each technique and bound on bounces that somebody looks with.
+/// What is kept of light that nobody looks with any more, at most: more ways to look than these are asked for by nobody who only
+/// comes back.
+const KEPT_MAX: usize = 2;
+
+/// What is learnt of one scene's light, for each technique and bound on bounces that somebody looks with, or did a moment ago.
 #[derive(Debug, Default)]
 pub(super) struct Lighting {
     lit: HashMap<LightKey, Lit>,
@@ -100,6 +104,8 @@ pub(super) struct Lighting {
     generation: u64,
     /// Records wait until then to be weighed otherwise.
     weighs_at: Option<Instant>,
+    /// What nobody looks with is kept until then.
+    expires_at: Option<Instant>,
 }
 
 #[derive(Debug)]
@@ -115,9 +121,25 @@ struct Lit {
     probed: Instant,
     /// Its records are weighed otherwise from then on at the earliest.
     may_weigh_at: Instant,
+    /// When the last who looked with it went; `None` while somebody looks.
+    left: Option<Instant>,
 }
 
 impl Lit {
+    /// Nothing known yet.
+    fn begin(key: LightKey, world: &Arc<World>, seconds: f64, workshop: &Workshop) -> Lit {
+        Lit {
+            learner: learner_of(key, workshop),
+            world: world.clone(),
+            generation: 0,
+            learner_generation: 0,
+            seconds,
+            probed: Instant::now(),
+            may_weigh_at: Instant::now(),
+            left: None,
+        }
+    }
+
     /// Takes note of what became known.
     fn follow(&mut self, generation: &mut u64) {
         if self.learner.generation() != self.learner_generation {
@@ -166,7 +188,7 @@ impl Lighting {
         workshop: &Workshop,
     ) {
         let change = changes.take_until(snapshot.revision);
-        self.lit.retain(|key, _| wanted.contains_key(key));
+        self.retain(wanted, &change, workshop);
         self.weighs_at = None;
         for lit in self.lit.values_mut() {
             if !change.leaves_light_alone() {
@@ -178,18 +200,8 @@ impl Lighting {
         }
         for (key, gazes) in wanted {
             if !self.lit.contains_key(key) {
-                let learner = learner_of(*key, workshop);
                 let seconds = self.lit.values().map(|lit| lit.seconds).reduce(f64::min).unwrap_or(0.0);
-                let lit = Lit {
-                    learner,
-                    world: snapshot.world.clone(),
-                    generation: 0,
-                    learner_generation: 0,
-                    seconds,
-                    probed: Instant::now(),
-                    may_weigh_at: Instant::now(),
-                };
-                self.lit.insert(*key, lit);
+                self.lit.insert(*key, Lit::begin(*key, &snapshot.world, seconds, workshop));
             }
             let Some(lit) = self.lit.get_mut(key) else { continue };
             // Records are shared: who asks for less gets more.
@@ -204,6 +216,28 @@ impl Lighting {
         }
     }
 
+    /// Keeps what is wanted, and for a while what was: who reloads a page, or tries another technique, is shown what was known. Through
+    /// edits of the light nothing is kept that nobody looks at, since following them costs time.
+    fn retain(&mut self, wanted: &HashMap<LightKey, Vec<Gaze>>, change: &SceneChange, workshop: &Workshop) {
+        let (now, kept) = (Instant::now(), workshop.config.kept_light());
+        for (key, lit) in &mut self.lit {
+            lit.left = if wanted.contains_key(key) { None } else { lit.left.or(Some(now)) };
+        }
+        let mut left: Vec<Instant> = self.lit.values().filter_map(|lit| lit.left).collect();
+        left.sort_unstable();
+        let earliest = left.len().checked_sub(KEPT_MAX + 1).map(|last_dropped| left[last_dropped]);
+        let is_kept = |at: Instant| {
+            change.leaves_light_alone() && now - at < kept && earliest.is_none_or(|earliest| at > earliest)
+        };
+        self.lit.retain(|_, lit| lit.left.is_none_or(is_kept));
+        self.expires_at = self.lit.values().filter_map(|lit| lit.left).min().map(|at| at + kept);
+    }
+
+    /// When some of what is kept is dropped, unless somebody comes back.
+    pub(super) fn expires_at(&self) -> Option<Instant> {
+        self.expires_at
+    }
+
     /// Learns for about so long, or until there is news; true when it did anything.
     pub(super) fn learn(
         &mut self,
@@ -216,12 +250,13 @@ impl Lighting {
         // Steps of tracing and gathering are some 10 ms; sorting photons into maps and cutting up geometry take longer in
         // large scenes, and none is cut short.
         let never = AtomicBool::new(false);
-        for lit in self.lit.values_mut().filter(|lit| lit.learner.stage() == Stage::Complete) {
+        let mut wanted: Vec<&mut Lit> = self.lit.values_mut().filter(|lit| lit.left.is_none()).collect();
+        for lit in wanted.iter_mut().filter(|lit| lit.learner.stage() == Stage::Complete) {
             lit.probe(workshop);
             lit.follow(&mut self.generation);
         }
         loop {
-            let open = self.lit.values_mut().filter(|lit| lit.learner.stage() != Stage::Complete);
+            let open = wanted.iter_mut().filter(|lit| lit.learner.stage() != Stage::Complete);
             let Some(lit) = open.min_by(|a, b| a.seconds.total_cmp(&b.seconds)) else { return has_learnt };
             let (before, start) = (lit.learner.counts(), Instant::now());
             workshop.drawing_pool.install(|| lit.learner.step(&lit.world, &never));
@@ -289,7 +324,8 @@ fn learner_of(key: LightKey, workshop: &Workshop) -> Learner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use lumicast_engine::scene::Id;
+    use crate::config::Config;
+    use lumicast_engine::scene::{Id, Scene};
 
     fn change_of(name: &str) -> SceneChange {
         SceneChange { lights: [Id::new(name).unwrap()].into_iter().collect(), ..SceneChange::default() }
@@ -313,5 +349,39 @@ mod tests {
         assert!(changes.take_until(200).lights.len() >= 191);
         assert!(changes.take_until(299).lights.len() >= 99);
         assert!(changes.take_until(300).leaves_light_alone());
+    }
+
+    /// What nobody looks with is kept for a while, the last of it alone, through edits that leave the light as it is, and is wanted again
+    /// as it was; who looks keeps his whatever happens.
+    #[test]
+    fn light_is_kept_for_a_while() {
+        let looked_at = |kept_light_s: f64| {
+            let workshop = Workshop::open(Config { kept_light_s, ..Config::default() }).unwrap();
+            let world = Arc::new(World::prepare(Arc::new(Scene::default())));
+            let mut lighting = Lighting::default();
+            let keys = [1, 2, 3, 4, 5]
+                .map(|bounces| LightKey { learnt: Learnt::Octree, bounces_max: Some(bounces) });
+            for key in keys {
+                lighting.lit.insert(key, Lit::begin(key, &world, 0.0, &workshop));
+            }
+            (workshop, lighting, keys)
+        };
+        let wanted = |keys: &[LightKey]| keys.iter().map(|key| (*key, Vec::new())).collect::<HashMap<_, _>>();
+        let none = SceneChange::default();
+        let (workshop, mut lighting, keys) = looked_at(60.0);
+        for still_wanted in (1..=4).rev() {
+            lighting.retain(&wanted(&keys[..still_wanted]), &none, &workshop);
+            assert!(keys[..still_wanted].iter().all(|key| lighting.lit[key].left.is_none()));
+            assert_eq!(lighting.lit.len() - still_wanted, KEPT_MAX.min(5 - still_wanted));
+            assert!(lighting.lit.contains_key(&keys[still_wanted]), "the last that was looked with");
+            assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
+        }
+        lighting.retain(&wanted(&keys[..2]), &none, &workshop);
+        assert!(lighting.lit[&keys[1]].left.is_none() && lighting.lit.len() == 3);
+        lighting.retain(&wanted(&keys[..1]), &change_of("lamp"), &workshop);
+        assert_eq!((lighting.lit.len(), lighting.expires_at()), (1, None));
+        let (workshop, mut lighting, keys) = looked_at(0.0);
+        lighting.retain(&wanted(&keys[..1]), &none, &workshop);
+        assert_eq!((lighting.lit.len(), lighting.expires_at()), (1, None));
     }
 }

@@ -127,7 +127,9 @@ impl Painter {
                     _ => None,
                 });
                 let look_again = self.on_card.is_coming().then(|| Instant::now() + CARD_SECONDS);
-                self.rest_until(later.chain(look_again).chain(self.lighting.weighs_at()).min());
+                let lighting = &self.lighting;
+                let for_light = lighting.weighs_at().into_iter().chain(lighting.expires_at());
+                self.rest_until(later.chain(look_again).chain(for_light).min());
             }
         }
     }
@@ -403,7 +405,8 @@ impl Painter {
             viewer.restart_curve();
         }
         let budget = self.quick_pass(active);
-        let fitting = self.quick_speed.divisor_within(key.full, budget.as_secs_f64(), film.quick_divisor);
+        let now = Instant::now();
+        let fitting = film.quick_rung.next(&self.quick_speed, key.full, budget.as_secs_f64(), now);
         film.divisor_min = self.finest_divisor(wish, snapshot, key.full);
         film.light_generation = key.light.map_or(0, |light| self.lighting.generation(light));
         film.light_epoch = key.light.map_or(0, |light| self.lighting.epoch(light));
@@ -422,7 +425,7 @@ impl Painter {
                     self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
                 let samples = layer.rendering.sample_count() - before;
                 self.quick_speed.measure(samples, started.elapsed().as_secs_f64());
-                film.quick_divisor = divisor;
+                film.quick_rung.take(divisor, now);
                 if complete {
                     film.overruns = 0;
                     film.layer = Some(layer);

@@ -4,7 +4,7 @@
 
 use super::foretold::Foretold;
 use super::frames::Packer;
-use super::ladder::{DIVISOR_MAX, Size, Speed};
+use super::ladder::{QuickRung, Size, Speed};
 use super::lighting::LightKey;
 use super::viewer::Wish;
 use super::{Snapshot, Workshop};
@@ -106,8 +106,8 @@ pub(super) struct ViewerFilm {
     pub(super) divisor_min: u32,
     /// Quick passes in a row that took too long.
     pub(super) overruns: u32,
-    /// Rung of the last quick pass.
-    pub(super) quick_divisor: u32,
+    /// Rung of its quick passes.
+    pub(super) quick_rung: QuickRung,
     pub(super) shown: Option<Shown>,
     pub(super) offer_at_passes: u32,
     /// What was known of the light for its last pass.
@@ -164,7 +164,7 @@ impl ViewerFilm {
             climb: None,
             divisor_min: 1,
             overruns: 0,
-            quick_divisor: DIVISOR_MAX,
+            quick_rung: QuickRung::default(),
             shown: None,
             offer_at_passes: 0,
             light_generation: 0,

@@ -1,7 +1,8 @@
 //! Records of irradiance as viewers see and steer them.
 
-use crate::harness::{Server, Viewer};
+use crate::harness::{Server, Viewer, in_time};
 use serde_json::json;
+use std::time::Duration;
 
 /// As the server marks a record's place.
 const DOT: [u8; 3] = [255, 40, 160];
@@ -57,5 +58,31 @@ async fn a_picture_at_rest_follows_accuracy() {
         assert!(after != before, "the picture of before with a = {of_records}");
         before = after;
     }
+    server.stop().await;
+}
+
+/// Who comes back is shown what was known when he went, from his first picture on.
+#[tokio::test]
+async fn light_is_kept_for_who_comes_back() {
+    let server = Server::start(|_| {}).await;
+    let look = async |is_enough: &dyn Fn(usize) -> bool| {
+        let mut viewer = server.viewer().await;
+        viewer.say(json!({"type": "quality", "codec": "png", "show_records": true})).await;
+        viewer.say(json!({"type": "accuracy", "technique": "irradiance", "target_error": 0.001})).await;
+        viewer.camera("main", [32, 24]).await;
+        dots_where(&mut viewer, is_enough).await
+    };
+    let before = look(&|dots| dots > 30).await;
+    let viewers = &server.scenes.workshop().metrics.viewers;
+    in_time(async {
+        while viewers.value() > 0 {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    })
+    .await;
+    // Time to notice for who draws.
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let first = look(&|_| true).await;
+    assert!(2 * first > before, "{first} records, and {before} before");
     server.stop().await;
 }

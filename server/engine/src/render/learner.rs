@@ -26,7 +26,7 @@ use crate::{
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
     },
-    transport::World,
+    transport::{World, change_of_lights},
 };
 
 /// Share of the time there is that a round may take of what records of irradiance are gathered from: the rest is for them.
@@ -46,6 +46,9 @@ const ROUGH_STEPS_MAX: u32 = 300;
 /// Records that are found missing together where a card gathers for them: a few keep no card busy.
 #[cfg(feature = "gpu")]
 const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap();
+
+/// Light of before an edit is shown until that of now is known where lights shine so much otherwise at most …
+const LIGHTS_CHANGE_MAX: f32 = 0.25;
 
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
@@ -85,8 +88,8 @@ pub struct Learner {
     epoch: u64,
     /// What is known is of the scene before an edit, or nothing yet.
     is_stale: bool,
-    /// It is of other lights as well.
-    is_of_other_lights: bool,
+    /// How much otherwise the lights shine by now than those that it is of, at most; see [`change_of_lights`].
+    lights_change: f32,
     /// How often light was gathered for what is shown.
     shown_count: u64,
     /// Records of what is shown.
@@ -128,7 +131,7 @@ impl Learner {
             generation: 0,
             epoch: 0,
             is_stale: true,
-            is_of_other_lights: false,
+            lights_change: 0.0,
             shown_count: 0,
             shown_records: 0,
             gaze_count: 0,
@@ -296,7 +299,7 @@ impl Learner {
                 if self.old_records == OldRecords::None {
                     self.epoch += u64::from(std::mem::take(&mut self.is_stale));
                 }
-                self.is_of_other_lights = false;
+                self.lights_change = 0.0;
             }
             return is_better;
         }
@@ -415,7 +418,9 @@ impl Learner {
         }
         let is_unknown = illumination.stage() != Stage::Complete;
         self.is_stale |= is_unknown;
-        self.is_of_other_lights = is_unknown && (self.is_of_other_lights || !edit.leaves_lights());
+        // Small steps add up until light is known again.
+        let change = if is_unknown { change_of_lights(edit.before, edit.after) } else { 0.0 };
+        self.lights_change = if is_unknown { self.lights_change + change } else { 0.0 };
         if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
             records.apply(edit);
             if !records.cache().records().is_empty() {
@@ -461,10 +466,10 @@ impl Learner {
         self.known.as_ref()
     }
 
-    /// What is known is of a scene before an edit whose lights sent out something else: all of it is wrong, not only what is
-    /// near the edit.
+    /// What is known is of a scene before an edit whose lights shone much otherwise: all of it is wrong, not only what is near the
+    /// edit. That of a lamp that was moved or dimmed a little is nearly right.
     pub fn knows_other_lights(&self) -> bool {
-        self.is_of_other_lights
+        self.lights_change > LIGHTS_CHANGE_MAX
     }
 
     /// Counts up whenever [`Learner::known`] becomes another.

@@ -19,7 +19,7 @@ pub use flight::Flight;
 pub(crate) use flight::STRAIGHT_COS;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
-    Sphere,
+    Sphere, change_of_lights,
 };
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};

@@ -3,6 +3,7 @@
 //! Emissive triangles, point and spot lights stand in one light tree; directional lights and the environment
 //! are chosen evenly beside it. Every density includes the choice of the light.
 
+mod change;
 mod environment;
 mod source;
 #[cfg(test)]
@@ -14,6 +15,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
+pub use self::change::change_of_lights;
 pub(in crate::transport) use self::environment::EnvironmentLight;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::tree::{LightBounds, LightTree};

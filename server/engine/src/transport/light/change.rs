@@ -1,0 +1,149 @@
+//! How much otherwise the lights of a scene shine after an edit.
+
+use std::collections::HashMap;
+
+use super::{EmissionNumbers, EmittedPhoton, Source, SourceName};
+use crate::{math::sobol, transport::World};
+
+/// Photons of a light that are compared.
+const PHOTONS: u32 = 64;
+/// Lights that are compared: where more have changed, all may be otherwise.
+const LIGHTS_MAX: usize = 16;
+/// Names the photons' random numbers.
+const KEY: u64 = 0x6c69_6768;
+
+/// Share of a light's flux that falls elsewhere after an edit, or comes or goes by it: that of the light for which it is most. 0: all shine as
+/// before; 1: one was taken away, or shines on other things.
+///
+/// The same photons set out in both scenes. Where they fall counts as elsewhere by how far that is from where they fell, over the
+/// length of their way: so a lamp that moves by a hundredth of a room counts as little in a doll's house as in a hall.
+pub fn change_of_lights(before: &World, after: &World) -> f32 {
+    let (old, new) = (before.sources(), after.sources());
+    let by_name: HashMap<&SourceName, &Source> = old.iter().map(|source| (source.name(), source)).collect();
+    let stays = |source: &Source| by_name.contains_key(source.name());
+    if old.len() != new.len() || !new.iter().all(stays) {
+        return 1.0;
+    }
+    let pair = |source| Some((*by_name.get(Source::name(source))?, source));
+    let changed: Vec<(&Source, &Source)> =
+        new.iter().filter_map(pair).filter(|(a, b)| !a.emits_like(b)).collect();
+    if changed.len() > LIGHTS_MAX {
+        return 1.0;
+    }
+    changed.into_iter().map(|(a, b)| change_of((before, a), (after, b))).fold(0.0, f32::max)
+}
+
+/// Share of one light's flux; of what meets nothing in either scene nothing is seen, and nothing counts.
+fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source)) -> f32 {
+    let moved = (after.accel().origin_in_world() - before.accel().origin_in_world()).as_vec3();
+    let (mut all, mut otherwise) = (0.0, 0.0);
+    for number in 0..PHOTONS {
+        let [u, v, s, t] = sobol::point(KEY, number);
+        let [side, ..] = sobol::point(KEY + 1, number);
+        let numbers = EmissionNumbers { direction: [u, v], position: [s, t], side };
+        let fall = |world: &World, source: &Source| {
+            let EmittedPhoton { ray, weight } = world.emit(source, &numbers)?;
+            let hit = world.closest_hit(&ray)?;
+            let way_m = hit.t * ray.direction.length();
+            Some((
+                ray.origin + ray.direction * hit.t,
+                way_m,
+                f64::from(weight.luminance()) * source.power_w(),
+            ))
+        };
+        let (was, is) = match (fall(before, old), fall(after, new)) {
+            (None, None) => continue,
+            (Some((.., flux_w)), None) | (None, Some((.., flux_w))) => {
+                (all, otherwise) = (all + flux_w, otherwise + flux_w);
+                continue;
+            }
+            (Some(was), Some(is)) => (was, is),
+        };
+        let ((p, way_m, flux_w), (q, other_way_m, other_flux_w)) = (was, is);
+        let away = p.distance(q + moved) / way_m.min(other_way_m).max(f32::MIN_POSITIVE);
+        let elsewhere = f64::from(away.min(1.0)) * flux_w.min(other_flux_w);
+        all += flux_w.max(other_flux_w);
+        otherwise += elsewhere + (flux_w - other_flux_w).abs();
+    }
+    if all > 0.0 { (otherwise / all) as f32 } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DAffine3, DVec3};
+
+    use super::*;
+    use crate::{
+        math::Rgb,
+        scene::{
+            Light, LightKind, Material, Scene,
+            samples::{Stage, cuboid},
+        },
+    };
+
+    fn lamp(position: DVec3, intensity: f32) -> Light {
+        let kind = LightKind::Point { intensity: Rgb::splat(intensity) };
+        Light { parent: None, position, direction: DVec3::NEG_Z, kind }
+    }
+
+    /// A lamp of so much intensity in a room `size_m` wide, and one of a room beside it.
+    fn rooms(size_m: f64, place: DVec3, intensity: f32) -> World {
+        let mut stage = Stage::default();
+        let grey = stage.material("grey", Material::default()).unwrap();
+        for (name, left) in [("room", 0.0), ("other room", 3.0)] {
+            let corner = DVec3::new(left, 0.0, 0.0) * size_m;
+            let walls = cuboid(corner, corner + size_m, &grey);
+            stage.place(name, walls, DAffine3::IDENTITY).unwrap();
+        }
+        stage.light("lamp", lamp(place * size_m, intensity)).unwrap();
+        stage.light("other", lamp(DVec3::new(3.5, 0.5, 0.5) * size_m, 1.0)).unwrap();
+        World::prepare(Arc::new(stage.finish()))
+    }
+
+    /// Nothing where lights stay, little where one goes a little way, all where it goes into the next room, as much as it gains or
+    /// loses of its strength; at any scale.
+    #[test]
+    fn lights_count_by_how_much_falls_elsewhere() {
+        let middle = DVec3::splat(0.5);
+        for size_m in [1e-3, 1.0, 1e4] {
+            let change = |place: DVec3, intensity: f32| {
+                let before = rooms(size_m, middle, 1.0);
+                change_of_lights(&before, &rooms(size_m, place, intensity))
+            };
+            assert_eq!(change(middle, 1.0), 0.0);
+            let small = change(middle + DVec3::X * 0.01, 1.0);
+            assert!(small > 0.01 && small < 0.04, "{size_m}: {small}");
+            let large = change(middle + DVec3::X * 0.1, 1.0);
+            assert!((large / small / 10.0 - 1.0).abs() < 0.2, "{size_m}: {large} of {small}");
+            assert!(change(middle + DVec3::X * 3.0, 1.0) > 0.99);
+            assert!((change(middle, 2.0) - 0.5).abs() < 1e-3);
+            assert!((change(middle, 0.9) - 0.1).abs() < 1e-3);
+        }
+    }
+
+    /// A light that goes is all of it, also beside a thousand times as strong one that stays; so is one that comes.
+    #[test]
+    fn a_light_that_goes_is_all_of_it() {
+        let with = rooms(1.0, DVec3::splat(0.5), 1.0);
+        let mut stage = Stage::default();
+        stage.light("other", lamp(DVec3::ZERO, 1e3)).unwrap();
+        let less = World::prepare(Arc::new(stage.finish()));
+        assert_eq!(change_of_lights(&with, &less), 1.0);
+        assert_eq!(change_of_lights(&less, &with), 1.0);
+    }
+
+    /// Nothing lit, and nothing there to be lit, is finite.
+    #[test]
+    fn without_surfaces_nothing_changes() {
+        let lamp_at = |x: f64| {
+            let mut stage = Stage::default();
+            stage.light("lamp", lamp(DVec3::X * x, 1.0)).unwrap();
+            World::prepare(Arc::new(stage.finish()))
+        };
+        assert_eq!(change_of_lights(&lamp_at(0.0), &lamp_at(1.0)), 0.0);
+        let empty = World::prepare(Arc::new(Scene::default()));
+        assert_eq!(change_of_lights(&empty, &empty), 0.0);
+    }
+}
