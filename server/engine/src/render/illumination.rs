@@ -42,9 +42,9 @@ const SENT_SHARE_MAX: f64 = 4.0;
 const FILLED_SHARE: f64 = 0.9;
 /// Time that a photon takes over that of one of the first round, which meets cold memory.
 const WARM_PACE: f64 = 0.6;
-/// How octrees' cost grows with photons, as powers, after the first round and after others: cutting up the geometry, which is most of
-/// the first, costs about the same whatever their number.
-const OCTREE_GROWTHS: [f64; 2] = [0.35, 0.85];
+
+/// Photons that take as long as gathering the light of a cell: 20 to 62 in five scenes.
+const PHOTONS_OF_A_CELL: f64 = 30.0;
 
 /// Share of a round's photons after which they say how long the rest will take.
 const TELLING_SHARE: f64 = 0.2;
@@ -64,6 +64,15 @@ struct Round {
 struct RoundSeconds {
     photons: f64,
     octrees: f64,
+}
+
+/// What making an octree took.
+#[derive(Clone, Copy, Debug, Default)]
+struct OctreeMade {
+    seconds: f64,
+    cells: f64,
+    /// Seconds of all octrees when it was ready.
+    ready: f64,
 }
 
 /// Parameters of photons and octree, and of records gathered from them.
@@ -144,6 +153,8 @@ pub struct Illumination {
     expected: Option<RoundSeconds>,
     /// What all before it took.
     begun: RoundSeconds,
+    /// The newest octree.
+    newest: OctreeMade,
     /// Seconds that it may still take.
     allowed_seconds: Option<f64>,
     /// A round is over and the next not begun: what is drawn in between takes of the time there is.
@@ -183,6 +194,7 @@ impl Illumination {
             photon_divisor: ROUNDS[0].photon_divisor,
             expected: None,
             begun: RoundSeconds::default(),
+            newest: OctreeMade::default(),
             allowed_seconds: None,
             is_between: false,
             is_cut: false,
@@ -233,6 +245,8 @@ impl Illumination {
             self.report.voxels = octree.leaf_count() as u64;
             self.report.vdls = octree.vdl_count() as u64;
             self.report.octree_bytes = octree.bytes();
+            let (ready, cells) = (self.report.octree_seconds, octree.leaf_count() as f64);
+            self.newest = OctreeMade { seconds: ready - self.newest.ready, cells, ready };
         }
         self.generation += u64::from(is_new);
         self.is_between = progress.complete && self.is_before_last_round();
@@ -307,13 +321,26 @@ impl Illumination {
             0 => (f64::from(self.emission_exponent()).exp2(), WARM_PACE),
             _ => (1.0, 1.0),
         };
-        let octree_growth = growth.powf(OCTREE_GROWTHS[self.round.min(1)]);
         let there = self.photons.paths().path_count() as f64;
         let per_photon = spent.photons / (there - self.photons.taken_over_count() as f64).max(1.0);
         let wanted = there * growth * sent;
         // Those that are there are not traced again, unless there are more than are wanted: then none is taken over.
         let traced = if wanted >= there { wanted - there } else { wanted };
-        RoundSeconds { photons: pace * per_photon * traced, octrees: spent.octrees * octree_growth }
+        RoundSeconds {
+            photons: pace * per_photon * traced,
+            octrees: self.expected_of_octrees(divisor, per_photon),
+        }
+    }
+
+    /// What the octrees of the next round would take: each as long as the newest, and longer by the cells that it has more. Following
+    /// surfaces, which is most of the first in scenes of many triangles, takes about as long whatever the size of the cells.
+    fn expected_of_octrees(&self, divisor: u32, per_photon: f64) -> f64 {
+        let Some(octree) = self.octree.octree() else { return 0.0 };
+        let round = Round { photon_divisor: divisor, ..ROUNDS[self.round + 1] };
+        let (_, of_next) = settings_of(&self.settings, round, self.exponent);
+        let OctreeMade { seconds, cells: before, .. } = self.newest;
+        let more = |cells: &f64| PHOTONS_OF_A_CELL * per_photon * (cells - before).max(0.0);
+        octree.cells_by(&of_next).iter().map(|cells| seconds + more(cells)).sum()
     }
 
     /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no

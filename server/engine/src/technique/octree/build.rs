@@ -166,8 +166,7 @@ impl Building {
         let cube = Cube::around(world.accel(), depth)?;
         let surfaces = photons.maps.surfaces();
         let known = before.map(|octree| &*octree.voxels);
-        let expected =
-            Expected { photon_count: settings.photon_count, gathered_count: settings.neighbours_min.get() };
+        let expected = Expected::by(&settings);
         let start = Instant::now();
         let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube, expected, known));
         let voxel_seconds = start.elapsed().as_secs_f64();
@@ -482,8 +481,31 @@ impl LightOctree {
 
 /// How far a gather looks at most.
 fn radius_max_m(voxels: &Voxels, expected: Expected) -> f32 {
-    let even_m2 = expected.area_of_a_gather_m2(voxels.area_m2) / std::f64::consts::PI;
-    (RADIUS_MAX_EVEN * even_m2.sqrt() as f32).max(voxels.cube.cell_m() * 0.5)
+    radius_max_in_cells_m(voxels.area_m2, voxels.cube.cell_m(), expected)
+}
+
+/// The same, of that much surface in cells of that width.
+fn radius_max_in_cells_m(area_m2: f64, cell_m: f32, expected: Expected) -> f32 {
+    let even_m2 = expected.area_of_a_gather_m2(area_m2) / std::f64::consts::PI;
+    (RADIUS_MAX_EVEN * even_m2.sqrt() as f32).max(cell_m * 0.5)
+}
+
+impl LightOctree {
+    /// Cells, about, of each of the octrees that these settings would have built of the same scene one after the other: a surface is met
+    /// by four times as many that are half as wide.
+    pub fn cells_by(&self, settings: &OctreeSettings) -> Vec<f64> {
+        let expected = Expected::by(settings);
+        let mut cells = Vec::new();
+        for depth in settings.depth_first.min(settings.depth)..=settings.depth {
+            let halvings = depth as i32 - self.depth() as i32;
+            cells.push(self.leaf_count() as f64 * 4f64.powi(halvings));
+            let cell_m = self.voxels.cube.cell_m() * 0.5f32.powi(halvings);
+            if settings.is_enough(cell_m, radius_max_in_cells_m(self.voxels.area_m2, cell_m, expected)) {
+                break;
+            }
+        }
+        cells
+    }
 }
 
 /// Memory that gathers and clusterings use again.

@@ -12,6 +12,7 @@ use std::{
 use glam::{IVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
+use super::OctreeSettings;
 use crate::{
     accel::{Accel, Instance},
     technique::{SideId, Surfaces, clip_to_box},
@@ -115,6 +116,10 @@ pub(super) struct Expected {
 }
 
 impl Expected {
+    pub(super) fn by(settings: &OctreeSettings) -> Expected {
+        Expected { photon_count: settings.photon_count, gathered_count: settings.neighbours_min.get() }
+    }
+
     /// Area that catches the photons of a gather if all lie evenly on `area_m2`; in steps of 2^¼, so that small edits leave
     /// it, m².
     pub(super) fn area_of_a_gather_m2(self, area_m2: f64) -> f64 {
