@@ -155,8 +155,8 @@ pub struct Illumination {
     begun: RoundSeconds,
     /// The newest octree.
     newest: OctreeMade,
-    /// Seconds that it may still take.
-    allowed_seconds: Option<f64>,
+    /// Seconds that it may still take, and that the smallest of further rounds may.
+    allowed_seconds: Option<[f64; 2]>,
     /// A round is over and the next not begun: what is drawn in between takes of the time there is.
     is_between: bool,
     /// No further round would end in time, or the one under way would not.
@@ -254,8 +254,10 @@ impl Illumination {
     }
 
     /// It may take so many seconds from now on: rounds that would not end by then are not begun, or are smaller.
-    pub(super) fn allow(&mut self, seconds: f64) {
-        self.allowed_seconds = Some(seconds);
+    ///
+    /// - `for_the_smallest`: that the smallest may take where none has room
+    pub(super) fn allow(&mut self, seconds: f64, for_the_smallest: f64) {
+        self.allowed_seconds = Some([seconds, for_the_smallest]);
     }
 
     /// Ends the round that is under way, if anything is known: it would not end in time.
@@ -347,12 +349,15 @@ impl Illumination {
     /// more photons than this one.
     fn divisor_of_next(&self) -> Option<u32> {
         let wanted = ROUNDS[self.round + 1].photon_divisor;
-        let fits = |divisor: &u32| {
-            let RoundSeconds { photons, octrees } = self.expected_of_next(*divisor);
-            self.allowed_seconds.is_none_or(|allowed| photons + octrees <= FILLED_SHARE * allowed)
+        let fits = |divisor: u32, allowed: f64| {
+            let RoundSeconds { photons, octrees } = self.expected_of_next(divisor);
+            photons + octrees <= FILLED_SHARE * allowed
         };
-        let divisors = std::iter::successors(Some(wanted), |divisor| divisor.checked_mul(2));
-        divisors.take_while(|divisor| *divisor < self.photon_divisor).find(fits)
+        let divisors = std::iter::successors(Some(wanted), |divisor| divisor.checked_mul(2))
+            .take_while(|divisor| *divisor < self.photon_divisor);
+        let Some([allowed, for_the_smallest]) = self.allowed_seconds else { return divisors.min() };
+        let smallest = divisors.clone().last().filter(|divisor| fits(*divisor, for_the_smallest));
+        divisors.into_iter().find(|divisor| fits(*divisor, allowed)).or(smallest)
     }
 
     /// How many photons more or less than asked for must be sent out for about as many to end up in maps: more where most leave

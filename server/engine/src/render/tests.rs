@@ -616,7 +616,7 @@ fn rounds_keep_to_the_time_there_is() {
         while illumination.stage() != Stage::Complete {
             steps += 1;
             assert!(steps < 100_000, "no end of it");
-            seconds.into_iter().for_each(|seconds| illumination.allow(seconds));
+            seconds.into_iter().for_each(|seconds| illumination.allow(seconds, seconds));
             illumination.step(&world, &never);
             let left = illumination.seconds_left_of_round();
             assert!(left.is_none_or(|left| left.is_finite() && left >= 0.0), "{left:?}");
