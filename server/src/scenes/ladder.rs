@@ -77,6 +77,8 @@ impl Speed {
 /// The rung of one viewer's passes while things move.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct QuickRung {
+    /// Of which size.
+    full: Size,
     divisor: u32,
     /// When it became coarser last.
     coarsened: Option<Instant>,
@@ -84,7 +86,7 @@ pub(super) struct QuickRung {
 
 impl Default for QuickRung {
     fn default() -> QuickRung {
-        QuickRung { divisor: DIVISOR_MAX, coarsened: None }
+        QuickRung { full: [0, 0], divisor: DIVISOR_MAX, coarsened: None }
     }
 }
 
@@ -92,7 +94,10 @@ impl QuickRung {
     /// The divisor of the next pass.
     ///
     /// - `budget_seconds`: that the pass may take
-    pub(super) fn next(&self, speed: &Speed, full: Size, budget_seconds: f64, now: Instant) -> u32 {
+    pub(super) fn next(&mut self, speed: &Speed, full: Size, budget_seconds: f64, now: Instant) -> u32 {
+        if std::mem::replace(&mut self.full, full) != full {
+            self.coarsened = None;
+        }
         let fitting = speed.divisor_within(full, budget_seconds, self.divisor);
         let stays = self.coarsened.is_some_and(|at| now.saturating_duration_since(at) < FINER_PAUSE);
         if stays { fitting.max(self.divisor) } else { fitting }
@@ -149,7 +154,8 @@ mod tests {
         assert_eq!(easily.divisor_within(full, 0.04, 4), 2);
     }
 
-    /// A speed that wavers by a factor of eight changes the size once in two seconds at most, after the first time.
+    /// A speed that wavers by a factor of eight makes the picture larger once in two seconds at most; another size that is asked for is
+    /// another picture.
     #[test]
     fn a_size_does_not_waver_with_the_speed() {
         let (full, mut rung, start) = ([640, 360], QuickRung::default(), Instant::now());
@@ -164,8 +170,11 @@ mod tests {
             rung.take(divisor, now);
             changes += u32::from(divisor != before);
         }
-        // 10 s: coarser and finer again every two.
+        // 10 s: larger, and smaller again, every two.
         assert!(changes > 2 && changes <= 12, "{changes} changes");
+        rung.take(DIVISOR_MAX, start);
+        assert_eq!(rung.next(&fast, full, 0.04, start), DIVISOR_MAX);
+        assert_eq!(rung.next(&fast, [160, 90], 0.04, start), 1);
     }
 
     #[test]

@@ -1,7 +1,7 @@
-//! What a scene knows of its light, kept for all its viewers while one of them looks through it.
+//! What a scene knows of its light, kept for all its viewers while one of them looks through it, and for a while after.
 //!
 //! Lives on the render thread. Edits are followed by what they changed, so that light that no edit touched is not computed
-//! again. A scene that nobody looks at, or by path tracing alone, learns nothing and follows no edit; what it knew it keeps for a minute.
+//! again. A scene that nobody looks at, or by path tracing alone, learns nothing and follows no edit.
 
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
@@ -188,7 +188,7 @@ impl Lighting {
         workshop: &Workshop,
     ) {
         let change = changes.take_until(snapshot.revision);
-        self.retain(wanted, &change, workshop);
+        self.retain(wanted, &change, (Instant::now(), workshop.config.kept_light()));
         self.weighs_at = None;
         for lit in self.lit.values_mut() {
             if !change.leaves_light_alone() {
@@ -200,7 +200,7 @@ impl Lighting {
         }
         for (key, gazes) in wanted {
             if !self.lit.contains_key(key) {
-                let seconds = self.lit.values().map(|lit| lit.seconds).reduce(f64::min).unwrap_or(0.0);
+                let seconds = self.least_seconds().unwrap_or(0.0);
                 self.lit.insert(*key, Lit::begin(*key, &snapshot.world, seconds, workshop));
             }
             let Some(lit) = self.lit.get_mut(key) else { continue };
@@ -218,19 +218,38 @@ impl Lighting {
 
     /// Keeps what is wanted, and for a while what was: who reloads a page, or tries another technique, is shown what was known. Through
     /// edits of the light nothing is kept that nobody looks at, since following them costs time.
-    fn retain(&mut self, wanted: &HashMap<LightKey, Vec<Gaze>>, change: &SceneChange, workshop: &Workshop) {
-        let (now, kept) = (Instant::now(), workshop.config.kept_light());
+    ///
+    /// - `now`, `kept`: and for how long
+    fn retain(
+        &mut self,
+        wanted: &HashMap<LightKey, Vec<Gaze>>,
+        change: &SceneChange,
+        (now, kept): (Instant, Duration),
+    ) {
+        let least = self.least_seconds();
         for (key, lit) in &mut self.lit {
-            lit.left = if wanted.contains_key(key) { None } else { lit.left.or(Some(now)) };
+            if !wanted.contains_key(key) {
+                lit.left = lit.left.or(Some(now));
+            } else if lit.left.take().is_some() {
+                // Who comes back stands in line as who is new does.
+                lit.seconds = least.map_or(lit.seconds, |least| lit.seconds.max(least));
+            }
         }
-        let mut left: Vec<Instant> = self.lit.values().filter_map(|lit| lit.left).collect();
-        left.sort_unstable();
-        let earliest = left.len().checked_sub(KEPT_MAX + 1).map(|last_dropped| left[last_dropped]);
-        let is_kept = |at: Instant| {
-            change.leaves_light_alone() && now - at < kept && earliest.is_none_or(|earliest| at > earliest)
-        };
-        self.lit.retain(|_, lit| lit.left.is_none_or(is_kept));
+        let mut left: Vec<(Instant, LightKey)> =
+            self.lit.iter().filter_map(|(key, lit)| Some((lit.left?, *key))).collect();
+        left.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
+        let is_kept = |at: Instant| change.leaves_light_alone() && now.saturating_duration_since(at) < kept;
+        let dropped = left.iter().enumerate().filter(|(place, (at, _))| *place >= KEPT_MAX || !is_kept(*at));
+        dropped.for_each(|(_, (_, key))| {
+            self.lit.remove(key);
+        });
         self.expires_at = self.lit.values().filter_map(|lit| lit.left).min().map(|at| at + kept);
+    }
+
+    /// Time spent on what took least, of what somebody looks with.
+    fn least_seconds(&self) -> Option<f64> {
+        let wanted = self.lit.values().filter(|lit| lit.left.is_none());
+        wanted.map(|lit| lit.seconds).reduce(f64::min)
     }
 
     /// When some of what is kept is dropped, unless somebody comes back.
@@ -352,36 +371,48 @@ mod tests {
     }
 
     /// What nobody looks with is kept for a while, the last of it alone, through edits that leave the light as it is, and is wanted again
-    /// as it was; who looks keeps his whatever happens.
+    /// as it was, behind those who stayed; who looks keeps his whatever happens.
     #[test]
     fn light_is_kept_for_a_while() {
-        let looked_at = |kept_light_s: f64| {
-            let workshop = Workshop::open(Config { kept_light_s, ..Config::default() }).unwrap();
-            let world = Arc::new(World::prepare(Arc::new(Scene::default())));
+        const KEPT: Duration = Duration::from_secs(60);
+        let workshop = Workshop::open(Config::default()).unwrap();
+        let world = Arc::new(World::prepare(Arc::new(Scene::default())));
+        let keys =
+            [1, 2, 3, 4, 5].map(|bounces| LightKey { learnt: Learnt::Octree, bounces_max: Some(bounces) });
+        let looked_at = || {
             let mut lighting = Lighting::default();
-            let keys = [1, 2, 3, 4, 5]
-                .map(|bounces| LightKey { learnt: Learnt::Octree, bounces_max: Some(bounces) });
-            for key in keys {
-                lighting.lit.insert(key, Lit::begin(key, &world, 0.0, &workshop));
+            for (key, seconds) in keys.into_iter().zip([100.0, 20.0, 30.0, 40.0, 50.0]) {
+                lighting.lit.insert(key, Lit::begin(key, &world, seconds, &workshop));
             }
-            (workshop, lighting, keys)
+            lighting
         };
         let wanted = |keys: &[LightKey]| keys.iter().map(|key| (*key, Vec::new())).collect::<HashMap<_, _>>();
-        let none = SceneChange::default();
-        let (workshop, mut lighting, keys) = looked_at(60.0);
-        for still_wanted in (1..=4).rev() {
-            lighting.retain(&wanted(&keys[..still_wanted]), &none, &workshop);
-            assert!(keys[..still_wanted].iter().all(|key| lighting.lit[key].left.is_none()));
-            assert_eq!(lighting.lit.len() - still_wanted, KEPT_MAX.min(5 - still_wanted));
-            assert!(lighting.lit.contains_key(&keys[still_wanted]), "the last that was looked with");
-            assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
+        let (none, start) = (SceneChange::default(), Instant::now());
+        let second = Duration::from_secs(1);
+
+        let mut lighting = looked_at();
+        for (away, moment) in (1..=4).zip([1, 2, 3, 4]) {
+            let here = 5 - away;
+            lighting.retain(&wanted(&keys[..here]), &none, (start + moment * second, KEPT));
+            assert!(keys[..here].iter().all(|key| lighting.lit[key].left.is_none()));
+            assert_eq!(lighting.lit.len() - here, KEPT_MAX.min(away));
+            assert!(lighting.lit.contains_key(&keys[here]), "the last that was looked with");
         }
-        lighting.retain(&wanted(&keys[..2]), &none, &workshop);
+        assert_eq!(lighting.expires_at(), Some(start + 3 * second + KEPT));
+        lighting.retain(&wanted(&keys[..2]), &none, (start + 5 * second, KEPT));
         assert!(lighting.lit[&keys[1]].left.is_none() && lighting.lit.len() == 3);
-        lighting.retain(&wanted(&keys[..1]), &change_of("lamp"), &workshop);
-        assert_eq!((lighting.lit.len(), lighting.expires_at()), (1, None));
-        let (workshop, mut lighting, keys) = looked_at(0.0);
-        lighting.retain(&wanted(&keys[..1]), &none, &workshop);
+        assert_eq!(lighting.lit[&keys[1]].seconds, 100.0, "before those who stayed");
+        lighting.retain(&wanted(&keys[..2]), &none, (start + 3 * second + KEPT, KEPT));
+        assert_eq!((lighting.lit.len(), lighting.expires_at()), (2, None));
+
+        // All at once, through an edit, and where nothing is kept.
+        let mut lighting = looked_at();
+        lighting.retain(&wanted(&keys[..1]), &none, (start, KEPT));
+        assert_eq!(lighting.lit.len(), 1 + KEPT_MAX);
+        lighting.retain(&wanted(&keys[..1]), &change_of("lamp"), (start, KEPT));
+        assert_eq!(lighting.lit.len(), 1);
+        let mut lighting = looked_at();
+        lighting.retain(&wanted(&keys[..1]), &none, (start, Duration::ZERO));
         assert_eq!((lighting.lit.len(), lighting.expires_at()), (1, None));
     }
 }

@@ -415,12 +415,13 @@ impl Painter {
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
                 let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
-                let (before, started) = (layer.rendering.sample_count(), Instant::now());
                 if layer.rendering.takes_sketch()
                     && let Some(sketch) = self.sketch(snapshot, &self.settings_of(wish))
                 {
                     layer.rendering.begin_with(sketch);
                 }
+                // Without the sketch, which takes as long for a picture of any size.
+                let (before, started) = (layer.rendering.sample_count(), Instant::now());
                 let complete =
                     self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
                 let samples = layer.rendering.sample_count() - before;

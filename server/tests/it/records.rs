@@ -73,15 +73,14 @@ async fn light_is_kept_for_who_comes_back() {
         dots_where(&mut viewer, is_enough).await
     };
     let before = look(&|dots| dots > 30).await;
-    let viewers = &server.scenes.workshop().metrics.viewers;
+    // Who draws lets go of his picture when he has gone.
+    let of_pictures = &server.scenes.workshop().metrics.film_bytes;
     in_time(async {
-        while viewers.value() > 0 {
-            tokio::time::sleep(Duration::from_millis(10)).await;
+        while of_pictures.value() > 0 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
         }
     })
     .await;
-    // Time to notice for who draws.
-    tokio::time::sleep(Duration::from_millis(200)).await;
     let first = look(&|_| true).await;
     assert!(2 * first > before, "{first} records, and {before} before");
     server.stop().await;

@@ -34,7 +34,7 @@ const GATHERED_FROM_SHARE: f64 = 0.2;
 /// … or the smallest round that there is, where no other has room: with the roughest octree alone records are not worth much (Sponza's
 /// nave by `auto` after 4 s: 14.1 % for 11.6, its gallery 24.5 for 19.0).
 const GATHERED_FROM_SHARE_AT_LEAST: f64 = 0.3;
-/// … and that such a round may take with passes that are drawn beside it; else it goes first. With the share above, pictures at half
+/// … and that such a round may take with passes that are drawn beside it; else it goes first. With a fifth, pictures at half
 /// a second of five showed a few samples of the roughest light while the round went on: cornell-box 17.9 % for 10.8.
 const GATHERED_BESIDE_SHARE: f64 = 0.5;
 
@@ -50,7 +50,8 @@ const ROUGH_STEPS_MAX: u32 = 300;
 #[cfg(feature = "gpu")]
 const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap();
 
-/// Light of before an edit is shown until that of now is known where lights shine so much otherwise at most …
+/// Light of before an edit is nearly right where lights shine so much otherwise at most: a first picture that is path-traced is off by
+/// as much. See [`change_of_lights`].
 const LIGHTS_CHANGE_MAX: f32 = 0.25;
 
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
@@ -422,9 +423,12 @@ impl Learner {
         }
         let is_unknown = illumination.stage() != Stage::Complete;
         self.is_stale |= is_unknown;
-        // Small steps add up until light is known again.
-        let change = if is_unknown { change_of_lights(edit.before, edit.after) } else { 0.0 };
-        self.lights_change = if is_unknown { self.lights_change + change } else { 0.0 };
+        if !is_unknown {
+            self.lights_change = 0.0;
+        } else if !self.knows_other_lights() {
+            // Small steps add up until light is known again.
+            self.lights_change += change_of_lights(edit.before, edit.after);
+        }
         if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
             records.apply(edit);
             if !records.cache().records().is_empty() {

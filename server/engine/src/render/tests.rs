@@ -10,7 +10,9 @@ use std::{
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
-use super::{Illumination, IlluminationSettings, Indirect, Learning, RenderSettings, Rendering, Stage};
+use super::{
+    Illumination, IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Rendering, Stage,
+};
 use crate::{
     effects::EffectPlan,
     film::{PictureSize, compare},
@@ -630,6 +632,83 @@ fn rounds_keep_to_the_time_there_is() {
     assert_eq!(emitted_in(Some(1e6)).0, all);
     let (few, is_foreseen) = emitted_in(Some(0.0));
     assert!(!is_foreseen && few * 8 < all, "{few} of {all}");
+}
+
+/// Where no round has room but the smallest, that one is made.
+#[test]
+fn the_smallest_round_may_take_longer() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let emitted_in = |seconds: [f64; 2]| {
+        let mut illumination = Illumination::to_gather_from(settings(64_000, 5));
+        while illumination.stage() != Stage::Complete {
+            illumination.allow(seconds[0], seconds[1]);
+            illumination.step(&world, &AtomicBool::new(false));
+        }
+        illumination.report().photons_emitted
+    };
+    let [none, smallest, all] = [[0.0, 0.0], [0.0, 1e6], [1e6, 1e6]].map(emitted_in);
+    // Of 1/32, 1/16 and 1/4 of all.
+    assert!(none < smallest && 3 * smallest < all, "{none}, {smallest}, {all}");
+}
+
+/// The octrees of the next round are as many as foreseen, of about as many cells.
+#[test]
+fn octrees_are_foreseen() {
+    for scene in [samples::cornell_box(), samples::boxes(), samples::parted_rooms([1.0, 2.0])] {
+        let world = world_of(scene.unwrap());
+        let coarse = Caches::complete(settings(20_000, 4), &world);
+        let of_next = OctreeSettings { depth_first: 5, ..settings(200_000, 7).octree };
+        let foreseen = coarse.octree.octree().unwrap().cells_by(&of_next);
+        let mut fine = Caches::new(IlluminationSettings { octree: of_next, ..settings(200_000, 7) });
+        let mut made: Vec<f64> = Vec::new();
+        while !fine.is_complete() {
+            fine.step(&world);
+            made.extend(fine.octree.octree().map(|octree| octree.leaf_count() as f64));
+            made.dedup();
+        }
+        assert_eq!(made.len(), foreseen.len(), "{made:?} for {foreseen:?}");
+        for (made, foreseen) in made.iter().zip(&foreseen) {
+            assert!((0.5..2.0).contains(&(made / foreseen)), "{made} for {foreseen}");
+        }
+    }
+}
+
+/// Light of before is told from light of now by how much otherwise the lights shine, all edits since it was known together.
+#[test]
+fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
+    let start = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let never = AtomicBool::new(false);
+    let rendering = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
+    let mut learner = Learner::new(Learnt::Octree, &rendering, settings(20_000, 5));
+    let until_known = |learner: &mut Learner, world: &World| {
+        let generation = learner.generation();
+        while learner.generation() == generation {
+            learner.step(world, &never);
+        }
+        assert!(!learner.knows_other_lights());
+    };
+    let (mut world, mut strength) = (start.clone(), 1.0);
+    let mut dim = |learner: &mut Learner, by: f32| {
+        strength *= by;
+        let lamp = Material::emitter(Rgb::new(17.0, 12.5, 7.5) * strength);
+        let (next, change) =
+            edited(&world, |builder| builder.set_material(id("lamp".into()), lamp.clone()).unwrap());
+        learner.apply(&Edit { before: &world, after: &next, change: &change });
+        world = Arc::new(next);
+        assert!(learner.known().is_some());
+        (learner.knows_other_lights(), world.clone())
+    };
+    until_known(&mut learner, &start);
+    // A tenth each time.
+    for is_other in [false, false, true] {
+        assert_eq!(dim(&mut learner, 0.9).0, is_other);
+    }
+    let (_, now) = dim(&mut learner, 0.99);
+    until_known(&mut learner, &now);
+    let (is_other, now) = dim(&mut learner, 0.8);
+    assert!(!is_other);
+    until_known(&mut learner, &now);
+    assert!(dim(&mut learner, 0.5).0);
 }
 
 /// An edit between two rounds leaves nothing of the scene before: neither light nor how many photons are sent out.

@@ -17,9 +17,10 @@ pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
 pub use flight::Flight;
 #[cfg(feature = "gpu")]
 pub(crate) use flight::STRAIGHT_COS;
+pub(crate) use light::change_of_lights;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
-    Sphere, change_of_lights,
+    Sphere,
 };
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};

@@ -4,7 +4,6 @@ use super::*;
 use crate::{
     accel::{Hit, Ray},
     math::sobol::PixelSampler,
-    render::{Learner, Learnt},
     scene::CameraView,
     technique::{
         ArrivingLight, Counts,

@@ -492,8 +492,8 @@ fn radius_max_in_cells_m(area_m2: f64, cell_m: f32, expected: Expected) -> f32 {
 
 impl LightOctree {
     /// Cells, about, of each of the octrees that these settings would have built of the same scene one after the other: a surface is met
-    /// by four times as many that are half as wide.
-    pub fn cells_by(&self, settings: &OctreeSettings) -> Vec<f64> {
+    /// by four times as many that are half as wide. Without the bound on pieces, which only the largest scenes meet.
+    pub(crate) fn cells_by(&self, settings: &OctreeSettings) -> Vec<f64> {
         let expected = Expected::by(settings);
         let mut cells = Vec::new();
         for depth in settings.depth_first.min(settings.depth)..=settings.depth {
