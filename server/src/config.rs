@@ -220,11 +220,11 @@ settings! {
     /// for what is looked at then are made anew.
     irradiance_records: u32 = 500_000;
     /// How long a scene keeps what it knows of its light when the last who looked has gone, s, 0 to 86400: whoever comes back, or reloads
-    /// a page, is shown that at once. Edits of the light drop it. It takes the memory of photons, octree and records above, twice at most
+    /// a page, begins with that. Edits of the light drop it. It takes the memory of photons, octree and records above, twice at most
     /// for each scene: for the last two techniques, or bounds on bounces, that somebody looked with.
     kept_light_s: f64 = 60.0;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
-    /// second with packing and sending.
+    /// second with packing and sending. After a change that comes alone it may take up to three times as long.
     moving_pass_ms: f64 = 40.0;
 }
 

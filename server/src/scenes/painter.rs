@@ -39,6 +39,10 @@ const LEARNING_FOR_CLIMBING: f64 = 0.5;
 const LEARNING_FOR_OTHERS: f64 = 1.0;
 /// While the scene is on its way to the card, who rests looks whether it has come, or is still wanted.
 const CARD_SECONDS: Duration = Duration::from_secs(1);
+/// Share of the time between two changes that the first pass after the second may take, and so many times as long as while things move at
+/// most: changes that come one by one are not to make the picture small each time.
+const PASS_OF_PAUSE: f64 = 0.4;
+const PASS_ALONE_MAX: f64 = 3.0;
 /// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
@@ -400,11 +404,14 @@ impl Painter {
             None => ViewerFilm::new(self.key_of(wish, snapshot, None), self.speed),
         };
         let key = self.key_of(wish, snapshot, Some(&film));
+        // The first of a viewer comes as soon as any.
+        let pause = film.layer.as_ref().map_or(Duration::ZERO, |_| film.started.elapsed());
         if film.key != key || film.layer.is_none() {
             film.restart(key);
             viewer.restart_curve();
         }
-        let budget = self.quick_pass(active);
+        let moving = self.quick_pass(active);
+        let budget = pause.mul_f64(PASS_OF_PAUSE).clamp(moving, moving.mul_f64(PASS_ALONE_MAX));
         let now = Instant::now();
         let fitting = film.quick_rung.next(&self.quick_speed, key.full, budget.as_secs_f64(), now);
         film.divisor_min = self.finest_divisor(wish, snapshot, key.full);
