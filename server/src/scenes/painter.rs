@@ -43,7 +43,7 @@ const CARD_SECONDS: Duration = Duration::from_secs(1);
 /// most: changes that come one by one are not to make the picture small each time.
 const PASS_OF_PAUSE: f64 = 0.4;
 const PASS_ALONE_MAX: f64 = 3.0;
-/// A quick pass is cut at this multiple of its budget and tried again smaller, now that the speed is known.
+/// A quick pass is cut at this multiple of its budget while things move and tried again smaller, now that the speed is known.
 const OVERRUN: f64 = 5.0;
 
 /// Draws for one scene.
@@ -421,7 +421,7 @@ impl Painter {
         let divisor = (fitting << film.overruns).clamp(film.divisor_min, DIVISOR_MAX);
         match self.layer(&film, snapshot, wish, divisor) {
             Ok(mut layer) => {
-                let after = (divisor < DIVISOR_MAX).then(|| budget.mul_f64(OVERRUN));
+                let after = (divisor < DIVISOR_MAX).then(|| moving.mul_f64(OVERRUN));
                 if layer.rendering.takes_sketch()
                     && let Some(sketch) = self.sketch(snapshot, &self.settings_of(wish))
                 {
