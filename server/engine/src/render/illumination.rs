@@ -43,8 +43,8 @@ const FILLED_SHARE: f64 = 0.9;
 /// Time that a photon takes over that of one of the first round, which meets cold memory.
 const WARM_PACE: f64 = 0.6;
 
-/// Photons that take as long as gathering the light of a cell: 20 to 62 in seven scenes, and with 30 octrees take 0.6 to 1.3 times what is
-/// foreseen.
+/// Photons that take as long as gathering the light of a cell: 20 to 62 in five scenes. With 30, 0.6 to 1.3 times what octrees take is
+/// foreseen in seven.
 const PHOTONS_OF_A_CELL: f64 = 30.0;
 
 /// Share of a round's photons after which they say how long the rest will take.

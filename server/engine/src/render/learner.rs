@@ -32,7 +32,7 @@ use crate::{
 /// Share of the time there is that a round may take of what records of irradiance are gathered from: the rest is for them.
 const GATHERED_FROM_SHARE: f64 = 0.2;
 /// … or the smallest round that there is, where no other has room: with the roughest octree alone records are not worth much (Sponza's
-/// nave by `auto` after 4 s: 14.1 % for 11.6, its gallery 24.5 for 19.0).
+/// nave by `auto` after 4 s 14.2 % without and 11.2 so, its gallery 24.0 and 18.2).
 const GATHERED_FROM_SHARE_AT_LEAST: f64 = 0.3;
 /// … and that such a round may take with passes that are drawn beside it; else it goes first. With a fifth, pictures at half
 /// a second of five showed a few samples of the roughest light while the round went on: cornell-box 17.9 % for 10.8.
