@@ -113,6 +113,8 @@ struct Lit {
     learner: Learner,
     /// The scene that it knows.
     world: Arc<World>,
+    /// What was edited since then.
+    ahead: SceneChange,
     /// Of all that became known of any, when this became known; and what the learner calls it.
     generation: u64,
     learner_generation: u64,
@@ -131,6 +133,7 @@ impl Lit {
         Lit {
             learner: learner_of(key, workshop),
             world: world.clone(),
+            ahead: SceneChange::default(),
             generation: 0,
             learner_generation: 0,
             seconds,
@@ -138,6 +141,37 @@ impl Lit {
             may_weigh_at: Instant::now(),
             left: None,
         }
+    }
+
+    /// Brings it to a later scene, when the edit before is followed; see [`Learner::is_catching_up`].
+    ///
+    /// - `change`: since the scene that it was to be brought to before
+    fn follow_edit(&mut self, world: &Arc<World>, change: &SceneChange, workshop: &Workshop) {
+        self.ahead.join(change);
+        if !self.ahead.leaves_light_alone() {
+            // Around another origin nothing that is known is of use.
+            let is_here = self.world.accel().origin_in_world() == world.accel().origin_in_world();
+            if is_here && self.learner.is_catching_up() {
+                if !change.leaves_light_alone() {
+                    workshop.drawing_pool.install(|| self.learner.fall_behind(&self.world, world));
+                }
+                return;
+            }
+            let edit = Edit { before: &self.world, after: world, change: &self.ahead };
+            workshop.drawing_pool.install(|| self.learner.apply(&edit));
+        }
+        self.ahead = SceneChange::default();
+        self.world = world.clone();
+    }
+
+    /// A later scene waits, and no longer for anything.
+    fn may_go_on(&self) -> bool {
+        !self.ahead.leaves_light_alone() && !self.learner.is_catching_up()
+    }
+
+    /// All that is to be known is known.
+    fn is_complete(&self) -> bool {
+        self.ahead.leaves_light_alone() && self.learner.stage() == Stage::Complete
     }
 
     /// Takes note of what became known.
@@ -191,12 +225,8 @@ impl Lighting {
         self.retain(wanted, &change, (Instant::now(), workshop.config.kept_light()));
         self.weighs_at = None;
         for lit in self.lit.values_mut() {
-            if !change.leaves_light_alone() {
-                let edit = Edit { before: &lit.world, after: &snapshot.world, change: &change };
-                workshop.drawing_pool.install(|| lit.learner.apply(&edit));
-                lit.follow(&mut self.generation);
-            }
-            lit.world = snapshot.world.clone();
+            lit.follow_edit(&snapshot.world, &change, workshop);
+            lit.follow(&mut self.generation);
         }
         for (key, gazes) in wanted {
             if !self.lit.contains_key(key) {
@@ -284,7 +314,7 @@ impl Lighting {
             workshop.metrics.rays.add(counts.all_rays());
             lit.follow(&mut self.generation);
             has_learnt = true;
-            if Instant::now() >= end || is_news() {
+            if Instant::now() >= end || lit.may_go_on() || is_news() {
                 return true;
             }
         }
@@ -297,12 +327,15 @@ impl Lighting {
 
     /// All that is to be known is known.
     pub(super) fn is_complete(&self, key: LightKey) -> bool {
-        self.lit.get(&key).is_some_and(|lit| lit.learner.stage() == Stage::Complete)
+        self.lit.get(&key).is_some_and(Lit::is_complete)
     }
 
     /// What is still to be learnt.
     pub(super) fn to_learn(&self, key: LightKey) -> ToLearn {
-        self.lit.get(&key).map_or(ToLearn::Rounds, |lit| lit.learner.to_learn())
+        self.lit
+            .get(&key)
+            .filter(|lit| lit.ahead.leaves_light_alone())
+            .map_or(ToLearn::Rounds, |lit| lit.learner.to_learn())
     }
 
     /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is
@@ -344,7 +377,8 @@ fn learner_of(key: LightKey, workshop: &Workshop) -> Learner {
 mod tests {
     use super::*;
     use crate::config::Config;
-    use lumicast_engine::scene::{Id, Scene};
+    use lumicast_engine::math::Rgb;
+    use lumicast_engine::scene::{Id, Material, Scene, SceneBuilder, SceneLimits, samples};
 
     fn change_of(name: &str) -> SceneChange {
         SceneChange { lights: [Id::new(name).unwrap()].into_iter().collect(), ..SceneChange::default() }
@@ -368,6 +402,53 @@ mod tests {
         assert!(changes.take_until(200).lights.len() >= 191);
         assert!(changes.take_until(299).lights.len() >= 99);
         assert!(changes.take_until(300).leaves_light_alone());
+    }
+
+    /// Whoever edits without a pause, faster than any edit can be followed, sees the light follow none the less, and in the end that of
+    /// the last edit; what the edits that wait change of the lights counts at once.
+    #[test]
+    fn light_follows_edits_that_do_not_end() {
+        let workshop = Workshop::open(Config { photons: 64_000, ..Config::default() }).unwrap();
+        let mut world = Arc::new(World::prepare(Arc::new(samples::cornell_box().unwrap())));
+        let key = LightKey { learnt: Learnt::Octree, bounces_max: None };
+        let mut lit = Lit::begin(key, &world, 0.0, &workshop);
+        let never = AtomicBool::new(false);
+        let step = |lit: &mut Lit| workshop.drawing_pool.install(|| lit.learner.step(&lit.world, &never));
+        while !lit.is_complete() {
+            step(&mut lit);
+        }
+        let edited = |world: &Arc<World>, strength: f32| {
+            let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+            let lamp = Material::emitter(Rgb::splat(strength));
+            builder.set_material(Id::new("lamp").unwrap(), lamp).unwrap();
+            let (scene, change) = builder.finish();
+            (Arc::new(world.update(Arc::new(scene), &change)), change)
+        };
+        let (epoch, mut steps) = (lit.learner.epoch(), 0);
+        while lit.learner.epoch() < epoch + 4 {
+            steps += 1;
+            assert!(steps < 5_000, "light of before for ever");
+            let (next, change) = edited(&world, 10.0 + (steps % 2) as f32);
+            world = next;
+            lit.follow_edit(&world, &change, &workshop);
+            assert!(!lit.is_complete());
+            step(&mut lit);
+        }
+        // It is at an edit before: not behind by much, until one comes that changes much.
+        assert!(lit.learner.is_catching_up() || lit.may_go_on());
+        let (next, change) = edited(&world, 10.0);
+        world = next;
+        lit.follow_edit(&world, &change, &workshop);
+        step(&mut lit);
+        assert!(!lit.learner.knows_other_lights());
+        let (next, change) = edited(&world, 100.0);
+        lit.follow_edit(&next, &change, &workshop);
+        assert!(lit.learner.knows_other_lights() && !Arc::ptr_eq(&lit.world, &next));
+        while !lit.is_complete() {
+            step(&mut lit);
+            lit.follow_edit(&next, &SceneChange::default(), &workshop);
+        }
+        assert!(Arc::ptr_eq(&lit.world, &next) && !lit.learner.knows_other_lights());
     }
 
     /// What nobody looks with is kept for a while, the last of it alone, through edits that leave the light as it is, and is wanted again

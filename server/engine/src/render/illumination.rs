@@ -1,6 +1,7 @@
 //! What a scene knows of its light, whoever looks at it.
 
 use std::{
+    num::NonZeroUsize,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -38,6 +39,11 @@ const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 4.0];
 /// Photons sent out for each that the settings ask for, about, at most.
 const SENT_SHARE_MAX: f64 = 4.0;
 
+/// Photons of the first round for each that it asks for, as a power of two, at most: more are sent out where most leave the scene or
+/// fall on what is lit by lamps alone, to half of what later rounds bring for each that they ask for. In Sponza 5,300 of 20,000 end up in maps:
+/// with four times as many its roughest octree lacks 5 % of the light instead of 11, and is ready sooner, since gathers reach less far.
+const FIRST_EXPONENT_MAX: i32 = 2;
+
 /// Share of the time it may take that the next round is to fill at most.
 const FILLED_SHARE: f64 = 0.9;
 /// Time that a photon takes over that of one of the first round, which meets cold memory.
@@ -49,6 +55,11 @@ const PHOTONS_OF_A_CELL: f64 = 30.0;
 
 /// Share of a round's photons after which they say how long the rest will take.
 const TELLING_SHARE: f64 = 0.2;
+
+/// Photons of a gather at least in rounds before the last, which something is gathered from, or that are shown for a moment: fewer
+/// than at the end blur less, and what must look less far is ready sooner (Sponza's first octree 0.18 s for 0.31). By `auto` pictures of
+/// six views after 3 and 5 s have 11 and 6 % less error than with as many as at the end, and 6 and 3 % less than with 48.
+const NEIGHBOURS_FIRST: NonZeroUsize = NonZeroUsize::new(32).unwrap();
 
 /// One round.
 #[derive(Clone, Copy, Debug)]
@@ -164,6 +175,8 @@ pub struct Illumination {
     is_cut: bool,
     /// See [`Illumination::emission_exponent`].
     exponent: i32,
+    /// Of the first round, once its photons say; see [`FIRST_EXPONENT_MAX`].
+    first_exponent: Option<i32>,
     products: Products,
     report: IlluminationReport,
     generation: u64,
@@ -200,6 +213,7 @@ impl Illumination {
             is_between: false,
             is_cut: false,
             exponent: 0,
+            first_exponent: None,
             products: Products::default(),
             report: IlluminationReport::default(),
             generation: 0,
@@ -229,13 +243,17 @@ impl Illumination {
             }
         }
         let before = self.products.secondary.clone();
-        let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
         if !self.photons.is_complete() {
+            let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
             let progress = self.photons.step(&mut step);
             self.report.counts += progress.counts;
             self.report.photon_seconds += start.elapsed().as_secs_f64();
             return false;
         }
+        if self.first_exponent.is_none() && self.fills_first() {
+            return false;
+        }
+        let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
         let progress = self.octree.step(&mut step);
         self.report.octree_seconds += start.elapsed().as_secs_f64();
         let is_new = match (&before, &self.products.secondary) {
@@ -326,7 +344,7 @@ impl Illumination {
         let growth = f64::from(self.photon_divisor) / f64::from(divisor);
         // The first round does not know yet how many must be sent out for as many to be kept.
         let (sent, pace) = match self.round {
-            0 => (f64::from(self.emission_exponent()).exp2(), WARM_PACE),
+            0 => (f64::from(self.emission_exponent() - self.first_exponent.unwrap_or(0)).exp2(), WARM_PACE),
             _ => (1.0, 1.0),
         };
         let there = self.photons.paths().path_count() as f64;
@@ -398,19 +416,36 @@ impl Illumination {
         if round == 1 {
             self.exponent = self.emission_exponent();
         }
-        let exponent = if round == 0 { 0 } else { self.exponent };
         let is_first = round == 0;
+        self.first_exponent = self.first_exponent.filter(|_| !is_first);
+        let exponent = if is_first { 0 } else { self.exponent };
         let round = Round { photon_divisor, ..ROUNDS[round] };
         let (photons, octree) = settings_of(&self.settings, round, exponent);
-        // A round that follows another sends out the same photons and more, through the same scene.
-        let nothing = PhotonTracing::new(photons);
-        let fewer = std::mem::replace(&mut self.photons, nothing);
-        if !is_first {
-            self.photons = PhotonTracing::adding_to(fewer, photons);
+        if is_first {
+            self.photons = PhotonTracing::new(photons);
         }
-        self.carrier.iter().for_each(|carrier| self.photons.carry_by(Arc::clone(carrier)));
+        self.send_out(photons);
         self.octree = OctreeBuilding::new(octree);
+    }
+
+    /// Sends out so many photons: the same as before, and more, through the same scene.
+    fn send_out(&mut self, photons: PhotonSettings) {
+        let nothing = PhotonTracing::new(photons);
+        self.photons = PhotonTracing::adding_to(std::mem::replace(&mut self.photons, nothing), photons);
+        self.carrier.iter().for_each(|carrier| self.photons.carry_by(Arc::clone(carrier)));
         self.products.photons = None;
+    }
+
+    /// Decides how many photons the first round takes, by those that it began with; true if more are to be sent out.
+    fn fills_first(&mut self) -> bool {
+        let exponent = (self.emission_exponent() - 1).clamp(0, FIRST_EXPONENT_MAX);
+        self.first_exponent = Some(exponent);
+        if exponent == 0 {
+            return false;
+        }
+        let (photons, _) = settings_of(&self.settings, ROUNDS[0], exponent);
+        self.send_out(photons);
+        true
     }
 
     /// How far it has got.
@@ -512,6 +547,11 @@ fn settings_of(
         depth: round.depth.min(settings.octree.depth),
         // What a gather may expect to find is what ends up in maps.
         photon_count: asked_for,
+        neighbours_min: if round.photon_divisor > 1 {
+            settings.octree.neighbours_min.min(NEIGHBOURS_FIRST)
+        } else {
+            settings.octree.neighbours_min
+        },
         ..settings.octree
     };
     (photons, octree)

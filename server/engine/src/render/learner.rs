@@ -94,6 +94,10 @@ pub struct Learner {
     is_stale: bool,
     /// How much otherwise the lights shine by now than those that it is of, at most; see [`change_of_lights`].
     lights_change: f32,
+    /// And for edits that it has yet to follow.
+    lights_change_ahead: f32,
+    /// Photons and octree were not yet brought to the scene after the last edit, not even roughly.
+    is_catching_up: bool,
     /// How often light was gathered for what is shown.
     shown_count: u64,
     /// Records of what is shown.
@@ -136,6 +140,8 @@ impl Learner {
             epoch: 0,
             is_stale: true,
             lights_change: 0.0,
+            lights_change_ahead: 0.0,
+            is_catching_up: true,
             shown_count: 0,
             shown_records: 0,
             gaze_count: 0,
@@ -305,6 +311,7 @@ impl Learner {
                     self.epoch += u64::from(std::mem::take(&mut self.is_stale));
                 }
                 self.lights_change = 0.0;
+                self.is_catching_up = false;
             }
             return is_better;
         }
@@ -423,6 +430,8 @@ impl Learner {
         }
         let is_unknown = illumination.stage() != Stage::Complete;
         self.is_stale |= is_unknown;
+        self.is_catching_up = is_unknown;
+        self.lights_change_ahead = 0.0;
         if !is_unknown {
             self.lights_change = 0.0;
         } else if !self.knows_other_lights() {
@@ -439,6 +448,19 @@ impl Learner {
         if !is_unknown {
             self.epoch += u64::from(std::mem::take(&mut self.is_stale));
         }
+    }
+
+    /// The last edit that [`Learner::apply`] was told of is still being followed: what comes next is to wait. Else edits that follow
+    /// each other faster than that takes would show light of before for as long as they go on; so they are followed as fast as
+    /// possible, and the last of them after twice the time at most.
+    pub fn is_catching_up(&self) -> bool {
+        self.is_catching_up && self.illumination.is_some() && self.stage() != Stage::Complete
+    }
+
+    /// What is known falls behind by an edit that [`Learner::apply`] is told of later, or by several: all since the last that it was
+    /// told of.
+    pub fn fall_behind(&mut self, before: &World, after: &World) {
+        self.lights_change_ahead = change_of_lights(before, after);
     }
 
     /// Shows the records that an edit left.
@@ -477,7 +499,7 @@ impl Learner {
     /// What is known is of a scene before an edit whose lights shone much otherwise: all of it is wrong, not only what is near the
     /// edit. That of a lamp that was moved or dimmed a little is nearly right.
     pub fn knows_other_lights(&self) -> bool {
-        self.lights_change > LIGHTS_CHANGE_MAX
+        self.lights_change + self.lights_change_ahead > LIGHTS_CHANGE_MAX
     }
 
     /// Counts up whenever [`Learner::known`] becomes another.

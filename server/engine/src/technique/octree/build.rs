@@ -23,7 +23,7 @@ use crate::{
 
 /// Cells built in one step: some 20 ms on two threads, and 0.2 s of the coarsest in scenes of many triangles. With 128 of them pictures
 /// follow edits of such scenes in a fourth of the time, but edits that come faster than a first octree is ready leave none to show.
-const STEP_CELLS: usize = 1024;
+const STEP_CELLS: usize = 128;
 
 /// What stands up less from a surface is no wall, in sides of a cell.
 const LIFT_CELLS: f32 = 0.25;
