@@ -1,7 +1,8 @@
 //! What a scene knows of its light, whoever looks at it.
 
+mod rounds;
+
 use std::{
-    num::NonZeroUsize,
     sync::{Arc, atomic::AtomicBool},
     time::Instant,
 };
@@ -9,83 +10,18 @@ use std::{
 use super::RenderSettings;
 use crate::{
     technique::{
-        Counts, Edit, MAPPED, PhotonCarrier, Products, SecondaryLight, Step, Technique,
+        Counts, Edit, PhotonCarrier, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceSettings,
         octree::{OctreeBuilding, OctreeSettings},
         photons::{EditCounts, PhotonSettings, PhotonTracing, ProbeCounts},
     },
     transport::World,
 };
+use rounds::{OctreeMade, ROUNDS, ROUNDS_GATHERED_FROM, Round, RoundSeconds, settings_of};
 
-/// Rounds from a rough answer to the last, each with more photons than all before together: what came first costs little.
-const ROUNDS: [Round; 3] = [
-    Round { photon_divisor: 32, depth_first: 4, depth: 4 },
-    Round { photon_divisor: 4, depth_first: 5, depth: 6 },
-    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX },
-];
-/// Rounds that something is gathered from which takes the mean over hundreds of places, as records of irradiance do.
-const ROUNDS_GATHERED_FROM: usize = 2;
 /// Share of the paths that an edit may touch before the rounds begin again: beyond, a rough answer soon is worth more than
 /// the right one later.
 const TOUCHED_SHARE_MAX: f64 = 0.2;
-
-/// Photons in maps for each that the settings ask for.
-const MAPPED_SHARE: f64 = 1.2;
-/// Surfaces at which photons are kept for each that the settings ask for, about, at most: bright rooms and mirrors keep each at
-/// tens of them, and fewer are sent out.
-const KEPT_SHARE_MAX: f64 = 8.0;
-/// Photons for each that the settings ask for, as powers of two: at least, and at most where none is thinned out.
-const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 4.0];
-/// Photons sent out for each that the settings ask for, about, at most.
-const SENT_SHARE_MAX: f64 = 4.0;
-
-/// Photons of the first round for each that it asks for, as a power of two, at most: more are sent out where most leave the scene or
-/// fall on what is lit by lamps alone, to half of what later rounds bring for each that they ask for. In Sponza 5,300 of 20,000 end up in maps:
-/// with four times as many its roughest octree lacks 5 % of the light instead of 11, and is ready sooner, since gathers reach less far.
-const FIRST_EXPONENT_MAX: i32 = 2;
-
-/// Share of the time it may take that the next round is to fill at most.
-const FILLED_SHARE: f64 = 0.9;
-/// Time that a photon takes over that of one of the first round, which meets cold memory.
-const WARM_PACE: f64 = 0.6;
-
-/// Photons that take as long as gathering the light of a cell: 20 to 62 in five scenes. With 30, 0.6 to 1.3 times what octrees take is
-/// foreseen in seven.
-const PHOTONS_OF_A_CELL: f64 = 30.0;
-
-/// Share of a round's photons after which they say how long the rest will take.
-const TELLING_SHARE: f64 = 0.2;
-
-/// Photons of a gather at least in rounds before the last, which something is gathered from, or that are shown for a moment: fewer
-/// than at the end blur less, and what must look less far is ready sooner (Sponza's first octree 0.18 s for 0.31). By `auto` pictures of
-/// six views after 3 and 5 s have 11 and 6 % less error than with as many as at the end, and 6 and 3 % less than with 48.
-const NEIGHBOURS_FIRST: NonZeroUsize = NonZeroUsize::new(32).unwrap();
-
-/// One round.
-#[derive(Clone, Copy, Debug)]
-struct Round {
-    /// All photons over those of this round.
-    photon_divisor: u32,
-    /// First and last depth of its octrees, as far as the settings go.
-    depth_first: u32,
-    depth: u32,
-}
-
-/// What a round took: seconds of tracing photons and of making octrees.
-#[derive(Clone, Copy, Debug, Default)]
-struct RoundSeconds {
-    photons: f64,
-    octrees: f64,
-}
-
-/// What making an octree took.
-#[derive(Clone, Copy, Debug, Default)]
-struct OctreeMade {
-    seconds: f64,
-    cells: f64,
-    /// Seconds of all octrees when it was ready.
-    ready: f64,
-}
 
 /// Parameters of photons and octree, and of records gathered from them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -294,13 +230,6 @@ impl Illumination {
         self.is_between
     }
 
-    /// What the round that comes next will take; `None` where one is under way or there is no time for another.
-    pub(super) fn seconds_of_next_round(&self) -> Option<f64> {
-        let divisor = self.is_between.then(|| self.divisor_of_next())??;
-        let RoundSeconds { photons, octrees } = self.expected_of_next(divisor);
-        Some(photons + octrees)
-    }
-
     /// There was no time for all rounds.
     pub(super) fn is_cut(&self) -> bool {
         self.is_cut
@@ -309,100 +238,6 @@ impl Illumination {
     /// What is under way are rounds, and this is not the last.
     pub(super) fn is_before_last_round(&self) -> bool {
         !self.is_cut && self.round + 1 < self.round_count
-    }
-
-    /// Seconds that the round will still take, by what the one before took; `None` in the first, and where none is under way.
-    pub(super) fn seconds_left_of_round(&self) -> Option<f64> {
-        let is_under_way = !self.is_between && self.stage() != Stage::Complete;
-        let expected = self.expected.filter(|_| is_under_way)?;
-        let spent = self.spent();
-        let photons = if self.photons.is_complete() {
-            0.0
-        } else {
-            let all = self.photons.paths().path_count().saturating_sub(self.photons.taken_over_count());
-            let left = if self.photons.is_begun() { self.photons.pending_count() } else { all };
-            let [all, left] = [all, left].map(|paths| paths as f64);
-            let traced = all - left;
-            let at_this_pace = if traced > TELLING_SHARE * all { spent.photons * left / traced } else { 0.0 };
-            // Paths are put into maps after the last is traced.
-            at_this_pace.max(expected.photons - spent.photons)
-        };
-        Some(photons + (expected.octrees - spent.octrees).max(0.0))
-    }
-
-    /// What this round took so far.
-    fn spent(&self) -> RoundSeconds {
-        RoundSeconds {
-            photons: self.report.photon_seconds - self.begun.photons,
-            octrees: self.report.octree_seconds - self.begun.octrees,
-        }
-    }
-
-    /// What the next round would take, by its photons.
-    fn expected_of_next(&self, divisor: u32) -> RoundSeconds {
-        let spent = self.spent();
-        let growth = f64::from(self.photon_divisor) / f64::from(divisor);
-        // The first round does not know yet how many must be sent out for as many to be kept.
-        let (sent, pace) = match self.round {
-            0 => (f64::from(self.emission_exponent() - self.first_exponent.unwrap_or(0)).exp2(), WARM_PACE),
-            _ => (1.0, 1.0),
-        };
-        let there = self.photons.paths().path_count() as f64;
-        let per_photon = spent.photons / (there - self.photons.taken_over_count() as f64).max(1.0);
-        let wanted = there * growth * sent;
-        // Those that are there are not traced again, unless there are more than are wanted: then none is taken over.
-        let traced = if wanted >= there { wanted - there } else { wanted };
-        RoundSeconds {
-            photons: pace * per_photon * traced,
-            octrees: self.expected_of_octrees(divisor, per_photon),
-        }
-    }
-
-    /// What the octrees of the next round would take: each as long as the newest, and longer by the cells that it has more. Following
-    /// surfaces, which is most of the first in scenes of many triangles, takes about as long whatever the size of the cells.
-    fn expected_of_octrees(&self, divisor: u32, per_photon: f64) -> f64 {
-        let Some(octree) = self.octree.octree() else { return 0.0 };
-        let round = Round { photon_divisor: divisor, ..ROUNDS[self.round + 1] };
-        let (_, of_next) = settings_of(&self.settings, round, self.exponent);
-        let OctreeMade { seconds, cells: before, .. } = self.newest;
-        let per_cell = match self.carrier {
-            None => PHOTONS_OF_A_CELL * per_photon,
-            // What carries photons does not gather them.
-            Some(_) => seconds / before.max(1.0),
-        };
-        let more = |cells: &f64| per_cell * (cells - before).max(0.0);
-        octree.cells_by(&of_next).iter().map(|cells| seconds + more(cells)).sum()
-    }
-
-    /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no
-    /// more photons than this one.
-    fn divisor_of_next(&self) -> Option<u32> {
-        let wanted = ROUNDS[self.round + 1].photon_divisor;
-        let fits = |divisor: u32, allowed: f64| {
-            let RoundSeconds { photons, octrees } = self.expected_of_next(divisor);
-            photons + octrees <= FILLED_SHARE * allowed
-        };
-        let divisors = std::iter::successors(Some(wanted), |divisor| divisor.checked_mul(2))
-            .take_while(|divisor| *divisor < self.photon_divisor);
-        let Some([allowed, for_the_smallest]) = self.allowed_seconds else { return divisors.min() };
-        let smallest = divisors.clone().last().filter(|divisor| fits(*divisor, for_the_smallest));
-        divisors.into_iter().find(|divisor| fits(*divisor, allowed)).or(smallest)
-    }
-
-    /// How many photons more or less than asked for must be sent out for about as many to end up in maps: more where most leave
-    /// the scene or fall on what is lit by lamps alone, less where each is kept many times, and memory would have no bound. Found
-    /// in the first round, as a power of two so that small edits leave it.
-    fn emission_exponent(&self) -> i32 {
-        let maps = &self.photons.product().maps;
-        let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
-        let emitted = self.photons.paths().full_count() as f64;
-        let sent = self.photons.paths().path_count().max(1) as f64;
-        let kept = self.photons.paths().hit_count().max(1) as f64;
-        let wanted = (MAPPED_SHARE * emitted / mapped as f64).log2().round().max(0.0);
-        let allowed = (KEPT_SHARE_MAX * emitted / kept).log2().round();
-        let allowed = allowed.min((SENT_SHARE_MAX * emitted / sent).log2().round());
-        let [least, most] = EMISSION_EXPONENTS;
-        wanted.min(allowed).clamp(least, most) as i32
     }
 
     /// Begins a round; what is known stays known until it knows better.
@@ -438,7 +273,7 @@ impl Illumination {
 
     /// Decides how many photons the first round takes, by those that it began with; true if more are to be sent out.
     fn fills_first(&mut self) -> bool {
-        let exponent = (self.emission_exponent() - 1).clamp(0, FIRST_EXPONENT_MAX);
+        let exponent = self.exponent_of_first();
         self.first_exponent = Some(exponent);
         if exponent == 0 {
             return false;
@@ -475,13 +310,14 @@ impl Illumination {
             return true;
         }
         let paths = self.photons.paths().path_count();
-        let begins_again =
-            self.round > 0 && self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64;
-        if begins_again {
+        let is_first = self.round == 0;
+        let touches_much = self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64;
+        if touches_much && (!is_first || self.first_exponent.is_some()) {
+            // Also the first, once it has decided how many photons it takes: of the scene as it is now it may be others.
             self.edit_counts = self.photons.edit_counts();
             self.begin_round(0, ROUNDS[0].photon_divisor);
         }
-        begins_again
+        touches_much && !is_first
     }
 
     /// Looks for changes that nobody announced: one photon of every group is traced again.
@@ -529,30 +365,4 @@ impl Illumination {
             ..self.report
         }
     }
-}
-
-/// Photons and octree of a round.
-fn settings_of(
-    settings: &IlluminationSettings,
-    round: Round,
-    exponent: i32,
-) -> (PhotonSettings, OctreeSettings) {
-    let asked_for = (settings.photons.emitted_count / round.photon_divisor).max(1);
-    let times = 1 << exponent.unsigned_abs();
-    let emitted_count =
-        if exponent < 0 { (asked_for / times).max(1) } else { asked_for.saturating_mul(times) };
-    let photons = PhotonSettings { emitted_count, ..settings.photons };
-    let octree = OctreeSettings {
-        depth_first: round.depth_first.min(settings.octree.depth),
-        depth: round.depth.min(settings.octree.depth),
-        // What a gather may expect to find is what ends up in maps.
-        photon_count: asked_for,
-        neighbours_min: if round.photon_divisor > 1 {
-            settings.octree.neighbours_min.min(NEIGHBOURS_FIRST)
-        } else {
-            settings.octree.neighbours_min
-        },
-        ..settings.octree
-    };
-    (photons, octree)
 }

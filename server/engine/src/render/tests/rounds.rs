@@ -1,0 +1,218 @@
+//! Laws of the rounds in which light is learnt, and of what is known between them.
+
+use super::*;
+
+/// The rounds of a scene's illumination begin again where an edit changes much and go on where it changes little; what is
+/// known in between is never nothing, and in the end it is what a fresh one knows.
+#[test]
+fn rounds_end_in_the_same_light() {
+    let complete = |illumination: &mut Illumination, world: &World| {
+        let never = AtomicBool::new(false);
+        let was_known = illumination.known().is_some();
+        for _ in 0..100_000 {
+            if illumination.stage() == Stage::Complete {
+                return;
+            }
+            illumination.step(world, &never);
+            assert!(!was_known || illumination.known().is_some());
+        }
+        panic!("no end of it");
+    };
+    let settings = settings(30_000, 5);
+    let world = world_of(samples::cornell_box().unwrap());
+    let mut kept = Illumination::new(settings);
+    complete(&mut kept, &world);
+    let small = DAffine3::from_scale_rotation_translation(
+        DVec3::splat(0.02),
+        DQuat::IDENTITY,
+        DVec3::new(0.8, 0.2, 0.8),
+    );
+    type Change = Box<dyn Fn(&mut SceneBuilder)>;
+    let edits: [(&str, Change); 2] = [
+        ("small", Box::new(move |builder| builder.set_transform("mirror block", small).unwrap())),
+        (
+            "large",
+            Box::new(|builder| {
+                let lamp = Material::emitter(Rgb::new(3.0, 5.0, 9.0));
+                builder.set_material(id("lamp".into()), lamp).unwrap();
+            }),
+        ),
+    ];
+    let mut world = world;
+    for (name, edit) in edits {
+        let (next, change) = edited(&world, edit);
+        kept.apply(&Edit { before: &world, after: &next, change: &change });
+        world = next;
+        let counts = kept.edit_counts();
+        assert_eq!(name == "large", counts.traced > counts.paths / 5, "{name}: {counts:?}");
+        complete(&mut kept, &world);
+        let mut fresh = Illumination::new(settings);
+        complete(&mut fresh, &world);
+        let same = fresh.octree().octree().unwrap().holds_the_same(kept.octree().octree().unwrap());
+        assert!(same, "after a {name} edit");
+    }
+}
+
+/// Without time for more than a first answer that is all there is, and with it the rounds are those without a bound.
+#[test]
+fn rounds_keep_to_the_time_there_is() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let never = AtomicBool::new(false);
+    let emitted_in = |seconds: Option<f64>| {
+        let mut illumination = Illumination::new(settings(30_000, 5));
+        let (mut foreseen, mut steps) = (0, 0);
+        while illumination.stage() != Stage::Complete {
+            steps += 1;
+            assert!(steps < 100_000, "no end of it");
+            seconds.into_iter().for_each(|seconds| illumination.allow(seconds, seconds));
+            illumination.step(&world, &never);
+            let left = illumination.seconds_left_of_round();
+            assert!(left.is_none_or(|left| left.is_finite() && left >= 0.0), "{left:?}");
+            foreseen += u32::from(left.is_some());
+        }
+        assert!(illumination.known().is_some());
+        (illumination.report().photons_emitted, foreseen > 0)
+    };
+    let (all, is_foreseen) = emitted_in(None);
+    assert!(is_foreseen);
+    assert_eq!(emitted_in(Some(1e6)).0, all);
+    let (few, is_foreseen) = emitted_in(Some(0.0));
+    assert!(!is_foreseen && few * 8 < all, "{few} of {all}");
+}
+
+/// Where no round has room but the smallest, that one is made.
+#[test]
+fn the_smallest_round_may_take_longer() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let emitted_in = |seconds: [f64; 2]| {
+        let mut illumination = Illumination::to_gather_from(settings(64_000, 5));
+        while illumination.stage() != Stage::Complete {
+            illumination.allow(seconds[0], seconds[1]);
+            illumination.step(&world, &AtomicBool::new(false));
+        }
+        illumination.report().photons_emitted
+    };
+    let [none, smallest, all] = [[0.0, 0.0], [0.0, 1e6], [1e6, 1e6]].map(emitted_in);
+    // Of 1/32, 1/16 and 1/4 of all.
+    assert!(none < smallest && 3 * smallest < all, "{none}, {smallest}, {all}");
+}
+
+/// The first round sends out four times as many photons where hardly any stay, and no more where most do; an edit that changes which it
+/// is has it decided again.
+#[test]
+fn the_first_round_takes_more_photons_where_few_stay() {
+    const ASKED_FOR: u32 = 640_000;
+    let never = AtomicBool::new(false);
+    // Above a box, or within.
+    let world_with = |height_m: f64| {
+        let mut stage = Building::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let corners = [DVec3::new(-1.0, 0.0, -1.0), DVec3::new(1.0, 1.0, 1.0)];
+        let walls = samples::cuboid(corners[0], corners[1], &white);
+        stage.place("box", walls, DAffine3::IDENTITY).unwrap();
+        let (position, kind) = (height_m * DVec3::Y, LightKind::Point { intensity: Rgb::WHITE });
+        stage.light("lamp", Light { parent: None, position, direction: DVec3::NEG_Y, kind }).unwrap();
+        world_of(stage.finish())
+    };
+    let until_known = |illumination: &mut Illumination, world: &World| {
+        let generation = illumination.generation();
+        while illumination.generation() == generation {
+            illumination.step(world, &never);
+        }
+        illumination.photons().paths().full_count()
+    };
+    let [open, closed] = [3.0, 0.5].map(world_with);
+    let mut illumination = Illumination::new(settings(ASKED_FOR, 5));
+    let of_open = until_known(&mut illumination, &open);
+    let of_closed = until_known(&mut Illumination::new(settings(ASKED_FOR, 5)), &closed);
+    assert_eq!([of_open, of_closed].map(|count| count / u64::from(ASKED_FOR / 32)), [4, 1]);
+    let lights = [id("lamp".into())].into_iter().collect();
+    let change = SceneChange { lights, ..SceneChange::default() };
+    illumination.apply(&Edit { before: &open, after: &closed, change: &change });
+    assert_eq!(until_known(&mut illumination, &closed), of_closed);
+}
+
+/// The octrees of the next round are as many as foreseen, of about as many cells.
+#[test]
+fn octrees_are_foreseen() {
+    for scene in [samples::cornell_box(), samples::boxes(), samples::parted_rooms([1.0, 2.0])] {
+        let world = world_of(scene.unwrap());
+        let coarse = Caches::complete(settings(20_000, 4), &world);
+        let of_next = OctreeSettings { depth_first: 5, ..settings(200_000, 7).octree };
+        let foreseen = coarse.octree.octree().unwrap().cells_by(&of_next);
+        let mut fine = Caches::new(IlluminationSettings { octree: of_next, ..settings(200_000, 7) });
+        let mut made: Vec<f64> = Vec::new();
+        while !fine.is_complete() {
+            fine.step(&world);
+            made.extend(fine.octree.octree().map(|octree| octree.leaf_count() as f64));
+            made.dedup();
+        }
+        assert_eq!(made.len(), foreseen.len(), "{made:?} for {foreseen:?}");
+        for (made, foreseen) in made.iter().zip(&foreseen) {
+            assert!((0.5..2.0).contains(&(made / foreseen)), "{made} for {foreseen}");
+        }
+    }
+}
+
+/// Light of before is told from light of now by how much otherwise the lights shine, all edits since it was known together.
+#[test]
+fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
+    let start = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let never = AtomicBool::new(false);
+    let rendering = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
+    let mut learner = Learner::new(Learnt::Octree, &rendering, settings(20_000, 5));
+    let until_known = |learner: &mut Learner, world: &World| {
+        let generation = learner.generation();
+        while learner.generation() == generation {
+            learner.step(world, &never);
+        }
+        assert!(!learner.knows_other_lights());
+    };
+    let (mut world, mut strength) = (start.clone(), 1.0);
+    let mut dim = |learner: &mut Learner, by: f32| {
+        strength *= by;
+        let lamp = Material::emitter(Rgb::new(17.0, 12.5, 7.5) * strength);
+        let (next, change) =
+            edited(&world, |builder| builder.set_material(id("lamp".into()), lamp.clone()).unwrap());
+        learner.apply(&Edit { before: &world, after: &next, change: &change });
+        world = Arc::new(next);
+        assert!(learner.known().is_some());
+        (learner.knows_other_lights(), world.clone())
+    };
+    until_known(&mut learner, &start);
+    // A tenth each time.
+    for is_other in [false, false, true] {
+        assert_eq!(dim(&mut learner, 0.9).0, is_other);
+    }
+    let (_, now) = dim(&mut learner, 0.99);
+    until_known(&mut learner, &now);
+    let (is_other, now) = dim(&mut learner, 0.8);
+    assert!(!is_other);
+    until_known(&mut learner, &now);
+    assert!(dim(&mut learner, 0.5).0);
+}
+
+/// An edit between two rounds leaves nothing of the scene before: neither light nor how many photons are sent out.
+#[test]
+fn an_edit_between_rounds_leaves_a_fresh_build() {
+    let never = AtomicBool::new(false);
+    let settings = settings(30_000, 5);
+    let world = world_of(samples::cornell_box().unwrap());
+    let mut kept = Illumination::new(settings);
+    // The step that makes the first octree ends the first round.
+    while kept.known().is_none() {
+        kept.step(&world, &never);
+    }
+    let (next, change) = edited(&world, |builder| {
+        builder.set_material(id("white".into()), Material::lambert(Rgb::new(0.98, 0.98, 0.98))).unwrap();
+    });
+    kept.apply(&Edit { before: &world, after: &next, change: &change });
+    let mut fresh = Illumination::new(settings);
+    for illumination in [&mut kept, &mut fresh] {
+        for _ in 0..100_000 {
+            illumination.step(&next, &never);
+        }
+        assert_eq!(illumination.stage(), Stage::Complete);
+    }
+    assert!(fresh.octree().octree().unwrap().holds_the_same(kept.octree().octree().unwrap()));
+}
