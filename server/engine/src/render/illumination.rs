@@ -132,7 +132,8 @@ impl Illumination {
     }
 
     fn of_rounds(round_count: usize, settings: IlluminationSettings) -> Illumination {
-        let (photons, octree) = settings_of(&settings, ROUNDS[0], 0);
+        let (photons, octree) =
+            settings_of(&settings, Round::of(0, ROUNDS[0].photon_divisor, round_count), 0);
         let (photons, octree) = (PhotonTracing::new(photons), OctreeBuilding::new(octree));
         Illumination {
             settings,
@@ -204,7 +205,8 @@ impl Illumination {
             // One that took light over after an edit says little of those that do not.
             if octree.counts().kept == 0 {
                 let (seconds, cells) = (ready - self.newest.ready, octree.leaf_count() as f64);
-                self.newest = OctreeMade { seconds, cells, ready };
+                let neighbours = octree.neighbours_min() as f64;
+                self.newest = OctreeMade { seconds, cells, neighbours, ready };
             }
             self.newest.ready = ready;
         }
@@ -254,7 +256,7 @@ impl Illumination {
         let is_first = round == 0;
         self.first_exponent = self.first_exponent.filter(|_| !is_first);
         let exponent = if is_first { 0 } else { self.exponent };
-        let round = Round { photon_divisor, ..ROUNDS[round] };
+        let round = Round::of(round, photon_divisor, self.round_count);
         let (photons, octree) = settings_of(&self.settings, round, exponent);
         if is_first {
             self.photons = PhotonTracing::new(photons);
@@ -278,7 +280,8 @@ impl Illumination {
         if exponent == 0 {
             return false;
         }
-        let (photons, _) = settings_of(&self.settings, ROUNDS[0], exponent);
+        let (photons, _) =
+            settings_of(&self.settings, Round::of(0, self.photon_divisor, self.round_count), exponent);
         self.send_out(photons);
         true
     }

@@ -7,9 +7,9 @@ use crate::technique::{MAPPED, octree::OctreeSettings, photons::PhotonSettings};
 
 /// Rounds from a rough answer to the last, each with more photons than all before together: what came first costs little.
 pub(super) const ROUNDS: [Round; 3] = [
-    Round { photon_divisor: 32, depth_first: 4, depth: 4 },
-    Round { photon_divisor: 4, depth_first: 5, depth: 6 },
-    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX },
+    Round { photon_divisor: 32, depth_first: 4, depth: 4, gathers_few: true },
+    Round { photon_divisor: 4, depth_first: 5, depth: 6, gathers_few: false },
+    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX, gathers_few: false },
 ];
 /// Rounds that something is gathered from which takes the mean over hundreds of places, as records of irradiance do.
 pub(super) const ROUNDS_GATHERED_FROM: usize = 2;
@@ -41,10 +41,11 @@ const PHOTONS_OF_A_CELL: f64 = 30.0;
 /// Share of a round's photons after which they say how long the rest will take.
 const TELLING_SHARE: f64 = 0.2;
 
-/// Photons of a gather at least in rounds of fewer photons than are asked for, which something is gathered from, or that are shown for a
-/// moment: fewer blur less, and what must look less far is ready sooner (Sponza's first octree after 0.18 s for 0.31). By `auto` pictures
-/// of six views after 3 and 5 s have 11 and 6 % less error than with as many as in the end, and 6 and 3 % less than with 48.
-const NEIGHBOURS_FIRST: NonZeroUsize = NonZeroUsize::new(32).unwrap();
+/// Photons of a gather at least in the first round, and in all that records are gathered from: fewer blur less, and what must look less
+/// far is ready sooner (Sponza's first octree after 0.18 s for 0.31). By `auto` pictures of six views after 3 and 5 s have 11 and 6 % less
+/// error than with as many as octrees have that are looked at, and 6 and 3 % less than with 48. Looked at, the octrees of the second round
+/// are noisier by a fifth.
+const NEIGHBOURS_FEW: NonZeroUsize = NonZeroUsize::new(32).unwrap();
 
 /// One round.
 #[derive(Clone, Copy, Debug)]
@@ -54,6 +55,20 @@ pub(super) struct Round {
     /// First and last depth of its octrees, as far as the settings go.
     pub(super) depth_first: u32,
     pub(super) depth: u32,
+    /// See [`NEIGHBOURS_FEW`].
+    gathers_few: bool,
+}
+
+impl Round {
+    /// One of [`ROUNDS`] by its place, of the first so many of them, with other photons.
+    pub(super) fn of(place: usize, photon_divisor: u32, round_count: usize) -> Round {
+        let round = ROUNDS[place];
+        Round {
+            photon_divisor,
+            gathers_few: round.gathers_few || round_count <= ROUNDS_GATHERED_FROM,
+            ..round
+        }
+    }
 }
 
 /// What a round took: seconds of tracing photons and of making octrees.
@@ -68,6 +83,8 @@ pub(super) struct RoundSeconds {
 pub(super) struct OctreeMade {
     pub(super) seconds: f64,
     pub(super) cells: f64,
+    /// That its gathers found, at least.
+    pub(super) neighbours: f64,
     /// Seconds of all octrees when it was ready.
     pub(super) ready: f64,
 }
@@ -117,7 +134,9 @@ impl Illumination {
             _ => (1.0, 1.0),
         };
         let there = self.photons.paths().path_count() as f64;
-        let per_photon = spent.photons / (there - self.photons.taken_over_count() as f64).max(1.0);
+        // The first took over what it began with.
+        let of_before = if self.round == 0 { 0 } else { self.photons.taken_over_count() };
+        let per_photon = spent.photons / (there - of_before as f64).max(1.0);
         let wanted = there * growth * sent;
         // Those that are there are not traced again, unless there are more than are wanted: then none is taken over.
         let traced = if wanted >= there { wanted - there } else { wanted };
@@ -131,9 +150,11 @@ impl Illumination {
     /// surfaces, which is most of the first in scenes of many triangles, takes about as long whatever the size of the cells.
     fn expected_of_octrees(&self, divisor: u32, per_photon: f64) -> f64 {
         let Some(octree) = self.octree.octree() else { return 0.0 };
-        let round = Round { photon_divisor: divisor, ..ROUNDS[self.round + 1] };
+        let round = Round::of(self.round + 1, divisor, self.round_count);
         let (_, of_next) = settings_of(&self.settings, round, self.exponent);
-        let OctreeMade { seconds, cells: before, .. } = self.newest;
+        let OctreeMade { seconds, cells: before, neighbours, .. } = self.newest;
+        // What is to find more looks farther.
+        let seconds = seconds * (of_next.neighbours_min.get() as f64 / neighbours.max(1.0)).sqrt();
         let per_cell = match self.carrier {
             None => PHOTONS_OF_A_CELL * per_photon,
             // What carries photons does not gather them.
@@ -196,8 +217,8 @@ pub(super) fn settings_of(
         depth: round.depth.min(settings.octree.depth),
         // What a gather may expect to find is what ends up in maps.
         photon_count: asked_for,
-        neighbours_min: if round.photon_divisor > 1 {
-            settings.octree.neighbours_min.min(NEIGHBOURS_FIRST)
+        neighbours_min: if round.gathers_few {
+            settings.octree.neighbours_min.min(NEIGHBOURS_FEW)
         } else {
             settings.octree.neighbours_min
         },

@@ -198,6 +198,11 @@ impl LightOctree {
         self.voxels.cube.depth
     }
 
+    /// Photons of its gathers, at least; see [`OctreeSettings::neighbours_min`].
+    pub(crate) fn neighbours_min(&self) -> usize {
+        self.settings.neighbours_min.get()
+    }
+
     /// Cells that hold surface.
     pub fn leaf_count(&self) -> usize {
         self.voxels.codes.len()
