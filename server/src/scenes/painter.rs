@@ -170,6 +170,11 @@ impl Painter {
             }
             let known = self.lighting.known(light, film.key.indirect);
             (film.light_generation, film.light_epoch, film.rests_at) = (generation, epoch, None);
+            let shows_none = |layer: &Layer| !layer.rendering.looks_up();
+            if known.is_none() && film.layer.iter().chain(&film.climb).all(shows_none) {
+                // Path-traced, of the scene as it is.
+                continue;
+            }
             let outdated = if is_same_scene { Outdated::Rough } else { Outdated::Wrong };
             (film.measured, film.told_early) = (None, false);
             film.offer_at_passes = 0;

@@ -17,7 +17,7 @@ use crate::{
     },
     transport::World,
 };
-use rounds::{OctreeMade, ROUNDS, ROUNDS_GATHERED_FROM, Round, RoundSeconds, settings_of};
+use rounds::{OctreeMade, ROUNDS, ROUNDS_GATHERED_FROM, RoundSeconds, settings_of};
 
 /// Share of the paths that an edit may touch before the rounds begin again: beyond, a rough answer soon is worth more than
 /// the right one later.
@@ -132,8 +132,7 @@ impl Illumination {
     }
 
     fn of_rounds(round_count: usize, settings: IlluminationSettings) -> Illumination {
-        let (photons, octree) =
-            settings_of(&settings, Round::of(0, ROUNDS[0].photon_divisor, round_count), 0);
+        let (photons, octree) = settings_of(&settings, round_count, (0, ROUNDS[0].photon_divisor), 0);
         let (photons, octree) = (PhotonTracing::new(photons), OctreeBuilding::new(octree));
         Illumination {
             settings,
@@ -180,14 +179,15 @@ impl Illumination {
             }
         }
         let before = self.products.secondary.clone();
+        if self.first_exponent.is_none() && self.photons.is_complete() {
+            self.fill_first();
+        }
+        // Whatever was sent out is begun in the same step: what is not begun yet takes note of no edit.
         if !self.photons.is_complete() {
             let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
             let progress = self.photons.step(&mut step);
             self.report.counts += progress.counts;
             self.report.photon_seconds += start.elapsed().as_secs_f64();
-            return false;
-        }
-        if self.first_exponent.is_none() && self.fills_first() {
             return false;
         }
         let mut step = Step { world, products: &mut self.products, canvas: None, cancel };
@@ -237,6 +237,11 @@ impl Illumination {
         self.is_cut
     }
 
+    /// The first of the rounds is under way, and nothing is known of what it brings.
+    pub(super) fn is_in_first_round(&self) -> bool {
+        self.round == 0 && !self.is_between && self.stage() != Stage::Complete
+    }
+
     /// What is under way are rounds, and this is not the last.
     pub(super) fn is_before_last_round(&self) -> bool {
         !self.is_cut && self.round + 1 < self.round_count
@@ -256,11 +261,7 @@ impl Illumination {
         let is_first = round == 0;
         self.first_exponent = self.first_exponent.filter(|_| !is_first);
         let exponent = if is_first { 0 } else { self.exponent };
-        let round = Round::of(round, photon_divisor, self.round_count);
-        let (photons, octree) = settings_of(&self.settings, round, exponent);
-        if is_first {
-            self.photons = PhotonTracing::new(photons);
-        }
+        let (photons, octree) = self.settings_of_round(round, photon_divisor, exponent);
         self.send_out(photons);
         self.octree = OctreeBuilding::new(octree);
     }
@@ -273,17 +274,14 @@ impl Illumination {
         self.products.photons = None;
     }
 
-    /// Decides how many photons the first round takes, by those that it began with; true if more are to be sent out.
-    fn fills_first(&mut self) -> bool {
+    /// Decides how many photons the first round takes, by those that it began with, and sends out what is missing.
+    fn fill_first(&mut self) {
         let exponent = self.exponent_of_first();
         self.first_exponent = Some(exponent);
-        if exponent == 0 {
-            return false;
+        if exponent > 0 {
+            let (photons, _) = self.settings_of_round(0, self.photon_divisor, exponent);
+            self.send_out(photons);
         }
-        let (photons, _) =
-            settings_of(&self.settings, Round::of(0, self.photon_divisor, self.round_count), exponent);
-        self.send_out(photons);
-        true
     }
 
     /// How far it has got.
@@ -299,7 +297,8 @@ impl Illumination {
     }
 
     /// Withdraws what an edit made stale; call before the next [`Illumination::step`]. Where it concerns a great part of
-    /// the photons, the rounds begin again: returns whether they do.
+    /// the photons, the rounds begin again: returns whether they do so from a later one, or around another origin. The first decides
+    /// again how many photons it takes then; a small edit leaves that, as it does in later rounds.
     pub fn apply(&mut self, edit: &Edit<'_>) -> bool {
         self.photons.apply(edit);
         self.octree.apply(edit);
@@ -309,6 +308,7 @@ impl Illumination {
             // What is known lies around another origin.
             self.products.secondary = None;
             self.generation += 1;
+            self.photons = PhotonTracing::new(self.settings.photons);
             self.begin_round(0, ROUNDS[0].photon_divisor);
             return true;
         }
@@ -316,7 +316,6 @@ impl Illumination {
         let is_first = self.round == 0;
         let touches_much = self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64;
         if touches_much && (!is_first || self.first_exponent.is_some()) {
-            // Also the first, once it has decided how many photons it takes: of the scene as it is now it may be others.
             self.edit_counts = self.photons.edit_counts();
             self.begin_round(0, ROUNDS[0].photon_divisor);
         }

@@ -450,11 +450,11 @@ impl Learner {
         }
     }
 
-    /// The last edit that [`Learner::apply`] was told of is still being followed: what comes next is to wait. Else edits that follow
-    /// each other faster than that takes would show light of before for as long as they go on; so they are followed as fast as
-    /// possible, and the last of them after twice the time at most.
+    /// The last edit that [`Learner::apply`] was told of made the rounds begin again, and nothing came of it yet: what comes next is to
+    /// wait. Else edits that follow each other faster than a first octree takes would show light of before for as long as they go on; so
+    /// they are followed as fast as possible, and the last of them after twice that time at most.
     pub fn is_catching_up(&self) -> bool {
-        self.is_catching_up && self.illumination.is_some() && self.stage() != Stage::Complete
+        self.is_catching_up && self.illumination.as_ref().is_some_and(Illumination::is_in_first_round)
     }
 
     /// What is known falls behind by an edit that [`Learner::apply`] is told of later, or by several: all since the last that it was

@@ -177,6 +177,11 @@ impl Rendering {
         (self.outlook, self.is_confirmed) = (None, false);
     }
 
+    /// It shows what is known of the light.
+    pub fn looks_up(&self) -> bool {
+        self.technique.secondary().is_some()
+    }
+
     /// All that is to be known of the light is known: the film is what further passes add to.
     pub fn knows_its_light(&self) -> bool {
         self.learner.as_ref().is_none_or(|learner| learner.stage() == Stage::Complete)

@@ -7,9 +7,9 @@ use crate::technique::{MAPPED, octree::OctreeSettings, photons::PhotonSettings};
 
 /// Rounds from a rough answer to the last, each with more photons than all before together: what came first costs little.
 pub(super) const ROUNDS: [Round; 3] = [
-    Round { photon_divisor: 32, depth_first: 4, depth: 4, gathers_few: true },
-    Round { photon_divisor: 4, depth_first: 5, depth: 6, gathers_few: false },
-    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX, gathers_few: false },
+    Round { photon_divisor: 32, depth_first: 4, depth: 4 },
+    Round { photon_divisor: 4, depth_first: 5, depth: 6 },
+    Round { photon_divisor: 1, depth_first: 6, depth: OctreeSettings::DEPTH_MAX },
 ];
 /// Rounds that something is gathered from which takes the mean over hundreds of places, as records of irradiance do.
 pub(super) const ROUNDS_GATHERED_FROM: usize = 2;
@@ -25,8 +25,7 @@ const SENT_SHARE_MAX: f64 = 4.0;
 
 /// Photons of the first round for each that it asks for, as a power of two, at most: more are sent out where most leave the scene or
 /// fall on what is lit by lamps alone, to half of what later rounds bring for each that they ask for. Of 20,000 in Sponza 5,300 end up in
-/// maps; with four times as many its roughest octree lacks 5 % of the light instead of 11, and is ready as soon, since gathers reach less
-/// far.
+/// maps; with four times as many, and [`NEIGHBOURS_FEW`], its roughest octree lacks 7 % of the nave's light instead of 11.
 const FIRST_EXPONENT_MAX: i32 = 2;
 
 /// Share of the time it may take that the next round is to fill at most.
@@ -55,20 +54,6 @@ pub(super) struct Round {
     /// First and last depth of its octrees, as far as the settings go.
     pub(super) depth_first: u32,
     pub(super) depth: u32,
-    /// See [`NEIGHBOURS_FEW`].
-    gathers_few: bool,
-}
-
-impl Round {
-    /// One of [`ROUNDS`] by its place, of the first so many of them, with other photons.
-    pub(super) fn of(place: usize, photon_divisor: u32, round_count: usize) -> Round {
-        let round = ROUNDS[place];
-        Round {
-            photon_divisor,
-            gathers_few: round.gathers_few || round_count <= ROUNDS_GATHERED_FROM,
-            ..round
-        }
-    }
 }
 
 /// What a round took: seconds of tracing photons and of making octrees.
@@ -150,8 +135,7 @@ impl Illumination {
     /// surfaces, which is most of the first in scenes of many triangles, takes about as long whatever the size of the cells.
     fn expected_of_octrees(&self, divisor: u32, per_photon: f64) -> f64 {
         let Some(octree) = self.octree.octree() else { return 0.0 };
-        let round = Round::of(self.round + 1, divisor, self.round_count);
-        let (_, of_next) = settings_of(&self.settings, round, self.exponent);
+        let (_, of_next) = self.settings_of_round(self.round + 1, divisor, self.exponent);
         let OctreeMade { seconds, cells: before, neighbours, .. } = self.newest;
         // What is to find more looks farther.
         let seconds = seconds * (of_next.neighbours_min.get() as f64 / neighbours.max(1.0)).sqrt();
@@ -195,19 +179,45 @@ impl Illumination {
         wanted.min(allowed).clamp(least, most) as i32
     }
 
-    /// How many photons more, as a power of two, the first round sends out, by those that it began with; see [`FIRST_EXPONENT_MAX`].
+    /// How many photons more, as a power of two, the first round sends out, by those that it began with; see [`FIRST_EXPONENT_MAX`]. None
+    /// where no photon ends up in maps: under an open sky over black ground no number would do.
     pub(super) fn exponent_of_first(&self) -> i32 {
-        (self.emission_exponent() - 1).clamp(0, FIRST_EXPONENT_MAX)
+        let maps = &self.photons.product().maps;
+        match MAPPED.iter().any(|class| maps.photon_count(*class) > 0) {
+            true => (self.emission_exponent() - 1).clamp(0, FIRST_EXPONENT_MAX),
+            false => 0,
+        }
+    }
+
+    /// Photons and octree of a round by its place in [`ROUNDS`].
+    pub(super) fn settings_of_round(
+        &self,
+        place: usize,
+        photon_divisor: u32,
+        exponent: i32,
+    ) -> (PhotonSettings, OctreeSettings) {
+        settings_of(&self.settings, self.round_count, (place, photon_divisor), exponent)
     }
 }
 
 /// Photons and octree of a round.
+///
+/// - `round_count`: of [`ROUNDS`] there are
+/// - `place`, `photon_divisor`: which of them, and all photons over its
+/// - `exponent`: see [`Illumination::emission_exponent`]
 pub(super) fn settings_of(
     settings: &IlluminationSettings,
-    round: Round,
+    round_count: usize,
+    (place, photon_divisor): (usize, u32),
     exponent: i32,
 ) -> (PhotonSettings, OctreeSettings) {
-    let asked_for = (settings.photons.emitted_count / round.photon_divisor).max(1);
+    let round = ROUNDS[place];
+    let gathers_few = place == 0 || round_count <= ROUNDS_GATHERED_FROM;
+    let neighbours_min = match settings.octree.neighbours_min {
+        many if gathers_few => many.min(NEIGHBOURS_FEW),
+        many => many,
+    };
+    let asked_for = (settings.photons.emitted_count / photon_divisor).max(1);
     let times = 1 << exponent.unsigned_abs();
     let emitted_count =
         if exponent < 0 { (asked_for / times).max(1) } else { asked_for.saturating_mul(times) };
@@ -217,11 +227,7 @@ pub(super) fn settings_of(
         depth: round.depth.min(settings.octree.depth),
         // What a gather may expect to find is what ends up in maps.
         photon_count: asked_for,
-        neighbours_min: if round.gathers_few {
-            settings.octree.neighbours_min.min(NEIGHBOURS_FEW)
-        } else {
-            settings.octree.neighbours_min
-        },
+        neighbours_min,
         ..settings.octree
     };
     (photons, octree)

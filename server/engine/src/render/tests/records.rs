@@ -258,7 +258,7 @@ fn rough_records_come_before_the_second_round_of_photons() {
     while learner.illumination().unwrap().is_before_last_round() {
         learner.step(&world, &never);
         steps += 1;
-        // As soon as an edit is followed the next is, all but as fast.
+        // Nearly as soon as an edit is followed the next comes; between faster ones there is no second round.
         pauses += u32::from(!learner.is_catching_up());
         if pauses == 4 {
             pauses = 0;

@@ -97,39 +97,83 @@ fn the_smallest_round_may_take_longer() {
     assert!(none < smallest && 3 * smallest < all, "{none}, {smallest}, {all}");
 }
 
-/// The first round sends out four times as many photons where hardly any stay, and no more where most do; an edit that changes which it
-/// is has it decided again.
+/// A box under a point light, or around it: above, most photons leave; within, hardly any.
+fn box_under_lamp(height_m: f64, albedo: f32) -> World {
+    let mut stage = Building::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(albedo))).unwrap();
+    let walls = samples::cuboid(DVec3::new(-1.0, 0.0, -1.0), DVec3::ONE, &white);
+    stage.place("box", walls, DAffine3::IDENTITY).unwrap();
+    let (position, kind) = (height_m * DVec3::Y, LightKind::Point { intensity: Rgb::WHITE });
+    stage.light("lamp", Light { parent: None, position, direction: DVec3::NEG_Y, kind }).unwrap();
+    // Something that light from the box falls on.
+    let floor = samples::cuboid(DVec3::new(-3.0, -0.1, -3.0), DVec3::new(3.0, 0.0, 3.0), &white);
+    stage.place("floor", floor, DAffine3::IDENTITY).unwrap();
+    world_of(stage.finish())
+}
+
+/// The first round sends out four times as many photons where hardly any stay, no more where most do, and no more where none does; an
+/// edit that changes which it is, either way, has it decided again.
 #[test]
 fn the_first_round_takes_more_photons_where_few_stay() {
     const ASKED_FOR: u32 = 640_000;
     let never = AtomicBool::new(false);
-    // Above a box, or within.
-    let world_with = |height_m: f64| {
-        let mut stage = Building::default();
-        let white = stage.material("white", Material::lambert(Rgb::splat(0.5))).unwrap();
-        let corners = [DVec3::new(-1.0, 0.0, -1.0), DVec3::new(1.0, 1.0, 1.0)];
-        let walls = samples::cuboid(corners[0], corners[1], &white);
-        stage.place("box", walls, DAffine3::IDENTITY).unwrap();
-        let (position, kind) = (height_m * DVec3::Y, LightKind::Point { intensity: Rgb::WHITE });
-        stage.light("lamp", Light { parent: None, position, direction: DVec3::NEG_Y, kind }).unwrap();
-        world_of(stage.finish())
-    };
     let until_known = |illumination: &mut Illumination, world: &World| {
         let generation = illumination.generation();
-        while illumination.generation() == generation {
+        for _ in 0..100_000 {
+            if illumination.generation() != generation {
+                let sent = illumination.photons().paths().full_count() as f64;
+                return (sent / f64::from(ASKED_FOR / 32)).round();
+            }
             illumination.step(world, &never);
         }
-        illumination.photons().paths().full_count()
+        panic!("no end of it");
     };
-    let [open, closed] = [3.0, 0.5].map(world_with);
-    let mut illumination = Illumination::new(settings(ASKED_FOR, 5));
-    let of_open = until_known(&mut illumination, &open);
-    let of_closed = until_known(&mut Illumination::new(settings(ASKED_FOR, 5)), &closed);
-    assert_eq!([of_open, of_closed].map(|count| count / u64::from(ASKED_FOR / 32)), [4, 1]);
-    let lights = [id("lamp".into())].into_iter().collect();
-    let change = SceneChange { lights, ..SceneChange::default() };
-    illumination.apply(&Edit { before: &open, after: &closed, change: &change });
-    assert_eq!(until_known(&mut illumination, &closed), of_closed);
+    let worlds = [box_under_lamp(3.0, 0.5), box_under_lamp(0.5, 0.5)];
+    for from in [0, 1] {
+        let [before, after] = [&worlds[from], &worlds[1 - from]];
+        let mut illumination = Illumination::new(settings(ASKED_FOR, 5));
+        assert_eq!(until_known(&mut illumination, before), [4.0, 1.0][from]);
+        let lights = [id("lamp".into())].into_iter().collect();
+        let change = SceneChange { lights, ..SceneChange::default() };
+        illumination.apply(&Edit { before, after, change: &change });
+        assert_eq!(until_known(&mut illumination, after), [1.0, 4.0][from]);
+    }
+    assert_eq!(until_known(&mut Illumination::new(settings(ASKED_FOR, 5)), &box_under_lamp(3.0, 0.0)), 1.0);
+}
+
+/// Whenever an edit comes in the first round, before or after it has decided how many photons it takes, the end is a fresh build.
+#[test]
+fn an_edit_in_the_first_round_leaves_a_fresh_build() {
+    let never = AtomicBool::new(false);
+    let settings = settings(160_000, 4);
+    let start = box_under_lamp(3.0, 0.5);
+    let aside = DAffine3::from_translation(DVec3::new(0.3, 0.0, 0.0));
+    let (end, change) = edited(&start, |builder| builder.set_transform("box", aside).unwrap());
+    let complete = |illumination: &mut Illumination| {
+        for _ in 0..100_000 {
+            if illumination.stage() == Stage::Complete {
+                return illumination.octree().octree().unwrap().clone();
+            }
+            illumination.step(&end, &never);
+        }
+        panic!("no end of it");
+    };
+    let fresh = complete(&mut Illumination::new(settings));
+    let mut steps = 0;
+    loop {
+        let mut edited = Illumination::new(settings);
+        (0..steps).for_each(|_| {
+            edited.step(&start, &never);
+        });
+        let is_over = edited.known().is_some();
+        edited.apply(&Edit { before: &start, after: &end, change: &change });
+        assert!(complete(&mut edited).holds_the_same(&fresh), "edited after {steps} steps");
+        if is_over {
+            break;
+        }
+        steps += 1;
+    }
+    assert!(steps > 3, "nothing in between: {steps}");
 }
 
 /// The octrees of the next round are as many as foreseen, of about as many cells.
