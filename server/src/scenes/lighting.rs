@@ -6,7 +6,7 @@
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::render::{
-    IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage, ToLearn,
+    Backend, IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage, ToLearn,
 };
 use lumicast_engine::scene::{CameraView, SceneChange};
 use lumicast_engine::technique::{Edit, SecondaryLight};
@@ -340,10 +340,20 @@ impl Lighting {
 
     /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is
     /// path-traced until these are known.
-    pub(super) fn known(&self, key: LightKey, indirect: Indirect) -> Option<Arc<dyn SecondaryLight>> {
+    pub(super) fn known(
+        &self,
+        key: LightKey,
+        indirect: Indirect,
+        backend: Backend,
+    ) -> Option<Arc<dyn SecondaryLight>> {
         let learner = &self.lit.get(&key)?.learner;
         let is_wrong = indirect == Indirect::Auto && learner.knows_other_lights();
-        learner.known().filter(|_| !is_wrong).cloned()
+        match backend {
+            _ if is_wrong => None,
+            Backend::Cpu => learner.known_by_now(),
+            // What a card was given stays there.
+            Backend::Gpu => learner.known().cloned(),
+        }
     }
 
     /// Counts up when what is known becomes that of another scene.
@@ -441,7 +451,10 @@ mod tests {
         lit.follow_edit(&world, &change, &workshop);
         step(&mut lit);
         assert!(!lit.learner.knows_other_lights() && lit.learner.is_catching_up());
-        let (next, change) = edited(&world, 100.0);
+        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+        builder.set_material(Id::new("red").unwrap(), Material::emitter(Rgb::WHITE)).unwrap();
+        let (scene, change) = builder.finish();
+        let next = Arc::new(world.update(Arc::new(scene), &change));
         lit.follow_edit(&next, &change, &workshop);
         assert!(lit.learner.knows_other_lights() && !Arc::ptr_eq(&lit.world, &next));
         let until_complete = |lit: &mut Lit, world: &Arc<World>| {

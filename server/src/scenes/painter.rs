@@ -168,7 +168,7 @@ impl Painter {
             if film.light_generation == generation || (film.rests_at.is_some() && is_same_scene) {
                 continue;
             }
-            let known = self.lighting.known(light, film.key.indirect);
+            let known = self.lighting.known(light, film.key.indirect, self.scene.workshop.card.backend());
             (film.light_generation, film.light_epoch, film.rests_at) = (generation, epoch, None);
             let shows_none = |layer: &Layer| !layer.rendering.looks_up();
             if known.is_none() && film.layer.iter().chain(&film.climb).all(shows_none) {
@@ -179,6 +179,12 @@ impl Painter {
             (film.measured, film.told_early) = (None, false);
             film.offer_at_passes = 0;
             film.relit_at_passes = film.layer.as_ref().map_or(0, |layer| layer.rendering.passes());
+            if outdated == Outdated::Wrong {
+                // Of a pass that was cut, some is of the light before.
+                let lit = film.layer.as_ref().map_or([0; 2], |layer| layer.rendering.lit_passes());
+                film.mixed_until_passes = (lit[0] < lit[1]).then_some(lit[1]);
+                film.climb = None;
+            }
             for layer in film.layer.iter_mut().chain(&mut film.climb) {
                 layer.rendering.relight(known.clone(), outdated);
             }
@@ -496,7 +502,8 @@ impl Painter {
             .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?;
         let settings = self.settings_of(wish);
         let bytes = settings.picture_bytes(&snapshot.plan, picture.pixel_count());
-        let known = film.key.light.and_then(|light| self.lighting.known(light, wish.indirect));
+        let known =
+            film.key.light.and_then(|light| self.lighting.known(light, wish.indirect, settings.backend));
         let rendering = Rendering::with(
             (snapshot.world.clone(), &snapshot.plan),
             film.key.view,
@@ -525,7 +532,7 @@ impl Painter {
             let Ok(mut next) = divisor else { return };
             if self.pass(&mut next.rendering, film, cut) {
                 film.layer = Some(next);
-                (film.offer_at_passes, film.relit_at_passes) = (0, 0);
+                (film.offer_at_passes, film.relit_at_passes, film.mixed_until_passes) = (0, 0, None);
                 if film.may_show(self.interval_of(wish)) {
                     self.offer(viewer, film, wish, snapshot);
                 }

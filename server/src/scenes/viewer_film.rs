@@ -116,6 +116,8 @@ pub(super) struct ViewerFilm {
     pub(super) light_epoch: u64,
     /// Passes that it had then: some more are to show it before it rests.
     pub(super) relit_at_passes: u32,
+    /// With so many passes at most it shows some pixels by the light of before an edit, and others by that of now: no picture.
+    pub(super) mixed_until_passes: Option<u32>,
     /// It has converged to this with what was known of the light: what others make known by looking elsewhere does not
     /// wake it.
     pub(super) rests_at: Option<Aim>,
@@ -170,6 +172,7 @@ impl ViewerFilm {
             light_generation: 0,
             light_epoch: 0,
             relit_at_passes: 0,
+            mixed_until_passes: None,
             rests_at: None,
             measured: None,
             told_early: false,
@@ -190,7 +193,7 @@ impl ViewerFilm {
         self.measured = None;
         self.told_early = false;
         self.rests_at = None;
-        self.relit_at_passes = 0;
+        (self.relit_at_passes, self.mixed_until_passes) = (0, None);
         self.foretold.restart();
     }
 
@@ -221,7 +224,7 @@ impl ViewerFilm {
         };
         match (&self.shown, converged) {
             (None, _) => Task::Resend,
-            (Some(shown), _) if is_news(shown) => Task::Resend,
+            (Some(shown), _) if is_news(shown) && !self.is_mixed(layer) => Task::Resend,
             (_, true) => Task::Nothing,
             (_, false) => Task::Refine,
         }
@@ -268,7 +271,12 @@ impl ViewerFilm {
             // A picture that is half of the light before an edit has no error to tell.
             && layer.rendering.passes() > self.relit_at_passes;
         let is_news = complete && grown || is_first_told;
-        is_news && since >= REFINED_SECONDS_MIN || complete && since >= SENT_SECONDS_MAX
+        !self.is_mixed(layer)
+            && (is_news && since >= REFINED_SECONDS_MIN || complete && since >= SENT_SECONDS_MAX)
+    }
+
+    fn is_mixed(&self, layer: &Layer) -> bool {
+        self.mixed_until_passes.is_some_and(|until| layer.rendering.lit_passes()[0] <= until)
     }
 
     fn interval(&self) -> Option<[f32; 2]> {

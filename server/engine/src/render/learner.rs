@@ -21,12 +21,12 @@ use crate::{
     film::PictureSize,
     scene::CameraView,
     technique::{
-        Counts, Edit, Products, SecondaryLight, Step, Technique,
+        Counts, Dimmed, Edit, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceCaching,
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
     },
-    transport::{World, change_of_lights},
+    transport::{LightsChange, World, change_of_lights},
 };
 
 /// Share of the time there is that a round may take of what records of irradiance are gathered from: the rest is for them.
@@ -50,9 +50,10 @@ const ROUGH_STEPS_MAX: u32 = 300;
 #[cfg(feature = "gpu")]
 const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap();
 
-/// Light of before an edit is nearly right where lights shine so much otherwise at most: a first picture that is path-traced is off by
-/// as much. See [`change_of_lights`].
-const LIGHTS_CHANGE_MAX: f32 = 0.25;
+/// Light of before an edit is shown where lights shine so much otherwise at most, beside what all have changed alike: it is off by less
+/// than a first picture that is path-traced, small and of one sample a pixel, and for no longer than a first octree takes. Beyond, a light
+/// came or went, or falls nowhere near where it fell. See [`change_of_lights`].
+const LIGHTS_CHANGE_MAX: f32 = 0.9;
 
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
@@ -93,9 +94,9 @@ pub struct Learner {
     /// What is known is of the scene before an edit, or nothing yet.
     is_stale: bool,
     /// How much otherwise the lights shine by now than those that it is of, at most; see [`change_of_lights`].
-    lights_change: f32,
+    lights_change: LightsChange,
     /// And for edits that it has yet to follow.
-    lights_change_ahead: f32,
+    lights_change_ahead: LightsChange,
     /// Photons and octree were not yet brought to the scene after the last edit, not even roughly.
     is_catching_up: bool,
     /// How often light was gathered for what is shown.
@@ -139,8 +140,8 @@ impl Learner {
             generation: 0,
             epoch: 0,
             is_stale: true,
-            lights_change: 0.0,
-            lights_change_ahead: 0.0,
+            lights_change: LightsChange::NONE,
+            lights_change_ahead: LightsChange::NONE,
             is_catching_up: true,
             shown_count: 0,
             shown_records: 0,
@@ -310,7 +311,7 @@ impl Learner {
                 if self.old_records == OldRecords::None {
                     self.epoch += u64::from(std::mem::take(&mut self.is_stale));
                 }
-                self.lights_change = 0.0;
+                self.lights_change = LightsChange::NONE;
                 self.is_catching_up = false;
             }
             return is_better;
@@ -431,12 +432,12 @@ impl Learner {
         let is_unknown = illumination.stage() != Stage::Complete;
         self.is_stale |= is_unknown;
         self.is_catching_up = is_unknown;
-        self.lights_change_ahead = 0.0;
+        self.lights_change_ahead = LightsChange::NONE;
         if !is_unknown {
-            self.lights_change = 0.0;
+            self.lights_change = LightsChange::NONE;
         } else if !self.knows_other_lights() {
             // Small steps add up until light is known again.
-            self.lights_change += change_of_lights(edit.before, edit.after);
+            self.lights_change = self.lights_change.then(change_of_lights(edit.before, edit.after));
         }
         if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
             records.apply(edit);
@@ -499,7 +500,14 @@ impl Learner {
     /// What is known is of a scene before an edit whose lights shone much otherwise: all of it is wrong, not only what is near the
     /// edit. That of a lamp that was moved or dimmed a little is nearly right.
     pub fn knows_other_lights(&self) -> bool {
-        self.lights_change + self.lights_change_ahead > LIGHTS_CHANGE_MAX
+        self.lights_change.then(self.lights_change_ahead).share > LIGHTS_CHANGE_MAX
+    }
+
+    /// What is known of the light, as far as that goes of the scene with all its edits: where all its lights have changed alike, times as
+    /// much, which is right.
+    pub fn known_by_now(&self) -> Option<Arc<dyn SecondaryLight>> {
+        let dimmed = self.lights_change.then(self.lights_change_ahead).dimmed;
+        self.known.clone().map(|known| Dimmed::by(dimmed, known))
     }
 
     /// Counts up whenever [`Learner::known`] becomes another.

@@ -453,6 +453,11 @@ impl Rendering {
         self.films().map(Film::passes_min).sum()
     }
 
+    /// Passes with what is known of the light: of every pixel, and of some where one was cut.
+    pub fn lit_passes(&self) -> [u32; 2] {
+        [self.film.passes_min(), self.film.passes_max()]
+    }
+
     /// Every pixel has as many.
     pub fn is_whole(&self) -> bool {
         self.films().all(|film| film.passes_min() == film.passes_max())

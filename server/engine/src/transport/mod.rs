@@ -17,11 +17,11 @@ pub use bsdf::{Bsdf, BsdfSample, BsdfValue};
 pub use flight::Flight;
 #[cfg(feature = "gpu")]
 pub(crate) use flight::STRAIGHT_COS;
-pub(crate) use light::change_of_lights;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
     Sphere,
 };
+pub(crate) use light::{LightsChange, change_of_lights};
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use upload::{

@@ -1,6 +1,7 @@
 //! Laws of the rounds in which light is learnt, and of what is known between them.
 
 use super::*;
+use crate::accel::Ray;
 
 /// The rounds of a scene's illumination begin again where an edit changes much and go on where it changes little; what is
 /// known in between is never nothing, and in the end it is what a fresh one knows.
@@ -198,42 +199,61 @@ fn octrees_are_foreseen() {
     }
 }
 
-/// Light of before is told from light of now by how much otherwise the lights shine, all edits since it was known together.
+/// Light of before is told from light of now by how much otherwise the lights shine, all edits since it was known together; and where
+/// all have changed alike it is shown as much brighter or darker, which is right.
 #[test]
 fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
-    let start = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let start = Arc::new(box_under_lamp(0.5, 0.5));
     let never = AtomicBool::new(false);
     let rendering = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
     let mut learner = Learner::new(Learnt::Octree, &rendering, settings(20_000, 5));
     let until_known = |learner: &mut Learner, world: &World| {
         let generation = learner.generation();
-        while learner.generation() == generation {
+        for _ in 0..100_000 {
+            if learner.generation() != generation {
+                break;
+            }
             learner.step(world, &never);
         }
-        assert!(!learner.knows_other_lights());
+        assert!(!learner.knows_other_lights() && learner.generation() != generation);
+        let [known, now] = [learner.known().unwrap(), &learner.known_by_now().unwrap()];
+        assert!(Arc::ptr_eq(known, now), "nothing to dim");
     };
-    let (mut world, mut strength) = (start.clone(), 1.0);
-    let mut dim = |learner: &mut Learner, by: f32| {
-        strength *= by;
-        let lamp = Material::emitter(Rgb::new(17.0, 12.5, 7.5) * strength);
-        let (next, change) =
-            edited(&world, |builder| builder.set_material(id("lamp".into()), lamp.clone()).unwrap());
+    let mut world = start.clone();
+    let mut lamp = |learner: &mut Learner, aside_m: f64, intensity: Rgb| {
+        let (position, kind) = (DVec3::new(aside_m, 0.5, 0.0), LightKind::Point { intensity });
+        let light = Light { parent: None, position, direction: DVec3::NEG_Y, kind };
+        let (next, change) = edited(&world, |builder| builder.set_light("lamp", light.clone()).unwrap());
         learner.apply(&Edit { before: &world, after: &next, change: &change });
         world = Arc::new(next);
         assert!(learner.known().is_some());
         (learner.knows_other_lights(), world.clone())
     };
     until_known(&mut learner, &start);
-    // A tenth each time.
-    for is_other in [false, false, true] {
-        assert_eq!(dim(&mut learner, 0.9).0, is_other);
+    // Dimmed as much as anybody likes, step by step and to black, it is the same light.
+    let down = Ray::new(Vec3::new(0.4, 0.6, 0.4), Vec3::NEG_Y);
+    let surface = start.surface(&start.closest_hit(&down).unwrap(), down.direction);
+    let lit = |learner: &Learner| learner.known_by_now().unwrap().scattered(&surface, Vec3::Y, None).indirect;
+    let (bright, dim) = (lit(&learner), Rgb::new(0.5, 0.25, 0.01));
+    assert!((0..3).all(|k| bright[k] > 0.0), "{bright:?}");
+    for times in [dim, dim * dim] {
+        assert!(!lamp(&mut learner, 0.0, times).0);
+        let (is, should) = (lit(&learner), bright * times);
+        (0..3).for_each(|k| assert!((is[k] / should[k] - 1.0).abs() < 1e-2, "{is:?} for {should:?}"));
     }
-    let (_, now) = dim(&mut learner, 0.99);
-    until_known(&mut learner, &now);
-    let (is_other, now) = dim(&mut learner, 0.8);
+    let (is_other, black) = lamp(&mut learner, 0.0, Rgb::BLACK);
     assert!(!is_other);
+    assert_eq!(lit(&learner), Rgb::BLACK);
+    until_known(&mut learner, &black);
+    // Out of black it is other light.
+    let (is_other, now) = lamp(&mut learner, 0.0, Rgb::WHITE);
+    assert!(is_other);
     until_known(&mut learner, &now);
-    assert!(dim(&mut learner, 0.5).0);
+    // A little aside each time, and then out of the room.
+    for aside_m in [0.1, 0.2] {
+        assert!(!lamp(&mut learner, aside_m, Rgb::WHITE).0);
+    }
+    assert!(lamp(&mut learner, 20.0, Rgb::WHITE).0);
 }
 
 /// An edit between two rounds leaves nothing of the scene before: neither light nor how many photons are sent out.

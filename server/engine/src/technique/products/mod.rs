@@ -2,6 +2,7 @@
 
 mod carried;
 mod crease;
+mod dimmed;
 mod extent;
 mod gather;
 mod map;
@@ -25,6 +26,7 @@ pub use self::{
         PHOTON_SURVIVAL_MAX, PhotonCarrier, SentPhoton,
     },
     crease::CREASE_ANGLE_RAD,
+    dimmed::Dimmed,
     gather::{Gather, GatherBounds, GatheredPhoton},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
     packed::{

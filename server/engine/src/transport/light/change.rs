@@ -3,7 +3,10 @@
 use std::collections::HashMap;
 
 use super::{EmissionNumbers, EmittedPhoton, Source, SourceName};
-use crate::{math::sobol, transport::World};
+use crate::{
+    math::{Rgb, sobol},
+    transport::World,
+};
 
 /// Photons of a light that are compared: shares are known to a tenth, in 20 µs.
 const PHOTONS: u32 = 64;
@@ -14,37 +17,98 @@ const LIGHTS_MAX: usize = 16;
 /// Names the photons' random numbers.
 const KEY: u64 = 0x6c69_6768;
 
-/// Share of a light's flux that falls elsewhere after an edit, or in another colour, or comes or goes by it: that of the light for which it
+/// The least and the greatest of what lights have become brighter by, over each other, that pass for the same: what rounding leaves.
+const ALIKE: f32 = 1e-3;
+
+/// How the lights shine after an edit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LightsChange {
+    /// All lights of before times this, by channel; 1 unless all have changed alike.
+    pub(crate) dimmed: Rgb,
+    /// How much otherwise they shine beside that; see [`change_of_lights`].
+    pub(crate) share: f32,
+}
+
+impl LightsChange {
+    /// Lights that stay.
+    pub(crate) const NONE: LightsChange = LightsChange { dimmed: Rgb::WHITE, share: 0.0 };
+    /// Other lights.
+    const ALL: LightsChange = LightsChange { dimmed: Rgb::WHITE, share: 1.0 };
+
+    /// This change and another after it, at most.
+    pub(crate) fn then(self, later: LightsChange) -> LightsChange {
+        LightsChange { dimmed: self.dimmed * later.dimmed, share: self.share + later.share }
+    }
+}
+
+/// Where all lights have become brighter, darker or of another colour alike, by how much; and beside that the share of a light's flux that
+/// falls elsewhere after an edit, or in another colour, or comes or goes by it: that of the light for which it
 /// is most. 0: all shine as before; 1: one was taken away, or shines on other things, or nothing is known of it.
 ///
 /// The same photons set out in both scenes. Where they fall counts as elsewhere by how far that is from where they fell, over the
 /// length of their way: so a lamp that moves by a hundredth of a room counts as little in a doll's house as in a hall.
-pub(crate) fn change_of_lights(before: &World, after: &World) -> f32 {
+pub(crate) fn change_of_lights(before: &World, after: &World) -> LightsChange {
     let (old, new) = (before.sources(), after.sources());
+    if new.is_empty() {
+        // A light that sends out nothing is none.
+        let dimmed = if old.is_empty() { Rgb::WHITE } else { Rgb::BLACK };
+        return LightsChange { dimmed, share: 0.0 };
+    }
     let by_name: HashMap<&SourceName, &Source> = old.iter().map(|source| (source.name(), source)).collect();
     let stays = |source: &Source| by_name.contains_key(source.name());
     if old.len() != new.len() || !new.iter().all(stays) {
-        return 1.0;
+        return LightsChange::ALL;
     }
     let pair = |source| Some((*by_name.get(Source::name(source))?, source));
     let changed: Vec<(&Source, &Source)> =
         new.iter().filter_map(pair).filter(|(a, b)| !a.emits_like(b)).collect();
     if changed.len() > LIGHTS_MAX {
-        return 1.0;
+        return LightsChange::ALL;
     }
-    changed.into_iter().map(|(a, b)| change_of((before, a), (after, b))).fold(0.0, f32::max)
+    let all_change = changed.len() == new.len();
+    let dimmed = all_change.then(|| common_dimming(before, after, &changed)).flatten().unwrap_or(Rgb::WHITE);
+    let share_of = |(a, b): &(&Source, &Source)| change_of((before, *a), (after, *b), dimmed);
+    LightsChange { dimmed, share: changed.iter().map(share_of).fold(0.0, f32::max) }
+}
+
+/// The numbers of one of the photons that are compared.
+fn numbers_of(number: u32) -> EmissionNumbers {
+    let [u, v, s, t] = sobol::point(KEY, number);
+    let [side, ..] = sobol::point(KEY + 1, number);
+    EmissionNumbers { direction: [u, v], position: [s, t], side }
+}
+
+/// By how much each of some lights sends out more or less, if it is the same of all.
+fn common_dimming(before: &World, after: &World, changed: &[(&Source, &Source)]) -> Option<Rgb> {
+    let sent_w = |world: &World, source: &Source| {
+        let weights = (0..PHOTONS).filter_map(|number| Some(world.emit(source, &numbers_of(number))?.weight));
+        weights.fold(Rgb::BLACK, |sum, weight| sum + weight) * source.power_w() as f32
+    };
+    let ratios: Vec<Rgb> =
+        changed.iter().map(|(a, b)| ratio_of(sent_w(after, b), sent_w(before, a))).collect::<Option<_>>()?;
+    let first = *ratios.first()?;
+    let is_alike = |ratio: &Rgb| (0..3).all(|k| (ratio[k] - first[k]).abs() <= ALIKE * first[k]);
+    ratios.iter().all(is_alike).then_some(first)
+}
+
+/// `now` over `before`, by channel; `None` where light comes out of nothing.
+fn ratio_of(now: Rgb, before: Rgb) -> Option<Rgb> {
+    let of = |k: usize| if now[k] == 0.0 { 0.0 } else { now[k] / before[k] };
+    let ratio = Rgb::new(of(0), of(1), of(2));
+    ratio.is_finite().then_some(ratio)
 }
 
 /// Share of one light's flux; of what meets nothing in either scene nothing is seen, and none of it counts.
-fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source)) -> f32 {
+///
+/// - `dimmed`: what it sent out before counts times this
+fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source), dimmed: Rgb) -> f32 {
     let moved = (after.accel().origin_in_world() - before.accel().origin_in_world()).as_vec3();
     let (mut met, mut all, mut otherwise) = (0, 0.0, 0.0);
     for number in 0..PHOTONS {
-        let [u, v, s, t] = sobol::point(KEY, number);
-        let [side, ..] = sobol::point(KEY + 1, number);
-        let numbers = EmissionNumbers { direction: [u, v], position: [s, t], side };
-        let fall = |world: &World, source: &Source| {
+        let numbers = numbers_of(number);
+        let fall = |world: &World, source: &Source, times: Rgb| {
             let EmittedPhoton { ray, weight } = world.emit(source, &numbers)?;
+            let weight = weight * times;
             let hit = world.closest_hit(&ray)?;
             let way_m = hit.t * ray.direction.length();
             // In luminance, channel by channel.
@@ -52,7 +116,7 @@ fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source)) 
             let flux_w = [0.2126 * flux_w[0], 0.7152 * flux_w[1], 0.0722 * flux_w[2]];
             Some((ray.origin + ray.direction * hit.t, way_m, flux_w))
         };
-        let (was, is) = (fall(before, old), fall(after, new));
+        let (was, is) = (fall(before, old, dimmed), fall(after, new, Rgb::WHITE));
         let nothing = [0.0; 3];
         let away = match (was, is) {
             (None, None) => continue,
@@ -119,7 +183,7 @@ mod tests {
         for size_m in [1e-3, 1.0, 1e4] {
             let change = |place: DVec3, intensity: f32| {
                 let before = rooms(size_m, middle, 1.0);
-                change_of_lights(&before, &rooms(size_m, place, intensity))
+                change_of_lights(&before, &rooms(size_m, place, intensity)).share
             };
             assert_eq!(change(middle, 1.0), 0.0);
             let small = change(middle + DVec3::X * 0.01, 1.0);
@@ -140,8 +204,8 @@ mod tests {
         builder.remove_light("lamp").unwrap();
         let (scene, change) = builder.finish();
         let less = with.update(Arc::new(scene), &change);
-        assert_eq!(change_of_lights(&with, &less), 1.0);
-        assert_eq!(change_of_lights(&less, &with), 1.0);
+        assert_eq!(change_of_lights(&with, &less), LightsChange::ALL);
+        assert_eq!(change_of_lights(&less, &with), LightsChange::ALL);
     }
 
     /// Another colour of the same brightness is other light.
@@ -156,8 +220,8 @@ mod tests {
             world.update(Arc::new(scene), &change)
         };
         let red = shining(Rgb::new(1.0 / 0.2126, 0.0, 0.0));
-        assert!(change_of_lights(&red, &shining(Rgb::new(0.0, 0.0, 1.0 / 0.0722))) > 0.99);
-        assert_eq!(change_of_lights(&red, &red), 0.0);
+        assert!(change_of_lights(&red, &shining(Rgb::new(0.0, 0.0, 1.0 / 0.0722))).share > 0.99);
+        assert_eq!(change_of_lights(&red, &red), LightsChange::NONE);
     }
 
     /// Nothing there to be lit is not changed, and nothing is known of what hardly any light meets.
@@ -173,9 +237,40 @@ mod tests {
             }
             World::prepare(Arc::new(stage.finish()))
         };
-        assert_eq!(change_of_lights(&lamp_at(0.0, false), &lamp_at(1.0, false)), 0.0);
-        assert_eq!(change_of_lights(&lamp_at(0.0, true), &lamp_at(1.0, true)), 1.0);
+        assert_eq!(change_of_lights(&lamp_at(0.0, false), &lamp_at(1.0, false)).share, 0.0);
+        assert_eq!(change_of_lights(&lamp_at(0.0, true), &lamp_at(1.0, true)).share, 1.0);
         let empty = World::prepare(Arc::new(Scene::default()));
-        assert_eq!(change_of_lights(&empty, &empty), 0.0);
+        assert_eq!(change_of_lights(&empty, &empty), LightsChange::NONE);
+    }
+
+    /// Lights that all change alike are what they were times something, to black; where one changes otherwise, or not at all, or out of
+    /// black, they are others.
+    #[test]
+    fn lights_that_change_alike_are_the_same_dimmed() {
+        let lit = |lamps: [Rgb; 2]| {
+            let mut stage = Stage::default();
+            let grey = stage.material("grey", Material::default()).unwrap();
+            stage.place("room", cuboid(DVec3::ZERO, DVec3::ONE, &grey), DAffine3::IDENTITY).unwrap();
+            for (place, intensity) in lamps.into_iter().enumerate() {
+                let kind = LightKind::Point { intensity };
+                let light = Light { kind, ..lamp(DVec3::splat(0.3 + 0.2 * place as f64), 1.0) };
+                stage.light(&format!("lamp {place}"), light).unwrap();
+            }
+            World::prepare(Arc::new(stage.finish()))
+        };
+        let (warm, cold) = (Rgb::new(3.0, 2.0, 1.0), Rgb::new(0.1, 0.2, 0.3));
+        let by = Rgb::new(0.25, 0.5, 2.0);
+        let alike = change_of_lights(&lit([warm, cold]), &lit([warm * by, cold * by]));
+        assert!(alike.share < 1e-3, "{alike:?}");
+        (0..3).for_each(|k| assert!((alike.dimmed[k] / by[k] - 1.0).abs() < 1e-3, "{alike:?}"));
+        let black = change_of_lights(&lit([warm, cold]), &lit([Rgb::BLACK; 2]));
+        assert_eq!(black, LightsChange { dimmed: Rgb::BLACK, share: 0.0 });
+        for others in [[warm, cold * by], [warm * by, cold * 0.5]] {
+            let change = change_of_lights(&lit([warm, cold]), &lit(others));
+            assert!(change.dimmed == Rgb::WHITE && change.share > 0.4, "{change:?}");
+        }
+        assert_eq!(change_of_lights(&lit([Rgb::BLACK; 2]), &lit([warm, cold])), LightsChange::ALL);
+        let twice = alike.then(alike);
+        assert!((twice.dimmed.r - 0.0625).abs() < 1e-3);
     }
 }

@@ -15,7 +15,7 @@ use std::f32::consts::PI;
 
 use glam::Vec3;
 
-pub(crate) use self::change::change_of_lights;
+pub(crate) use self::change::{LightsChange, change_of_lights};
 pub(in crate::transport) use self::environment::EnvironmentLight;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::tree::{LightBounds, LightTree};
