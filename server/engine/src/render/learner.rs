@@ -19,6 +19,7 @@ use crate::technique::{
 };
 use crate::{
     film::PictureSize,
+    math::Rgb,
     scene::CameraView,
     technique::{
         Counts, Dimmed, Edit, Products, SecondaryLight, Step, Technique,
@@ -504,9 +505,12 @@ impl Learner {
     }
 
     /// What is known of the light, as far as that goes of the scene with all its edits: where all its lights have changed alike, times as
-    /// much, which is right.
+    /// much, which is right; as it was where they are others, such as one that went and came again.
     pub fn known_by_now(&self) -> Option<Arc<dyn SecondaryLight>> {
-        let dimmed = self.lights_change.then(self.lights_change_ahead).dimmed;
+        let dimmed = match self.knows_other_lights() {
+            true => Rgb::WHITE,
+            false => self.lights_change.then(self.lights_change_ahead).dimmed,
+        };
         self.known.clone().map(|known| Dimmed::by(dimmed, known))
     }
 

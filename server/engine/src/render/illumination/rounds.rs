@@ -13,6 +13,7 @@ pub(super) const ROUNDS: [Round; 3] = [
 ];
 /// Rounds that something is gathered from which takes the mean over hundreds of places, as records of irradiance do.
 pub(super) const ROUNDS_GATHERED_FROM: usize = 2;
+
 /// Photons in maps for each that the settings ask for.
 const MAPPED_SHARE: f64 = 1.2;
 /// Surfaces at which photons are kept for each that the settings ask for, about, at most: bright rooms and mirrors keep each at
@@ -52,8 +53,8 @@ pub(super) struct Round {
     /// All photons over those of this round.
     pub(super) photon_divisor: u32,
     /// First and last depth of its octrees, as far as the settings go.
-    pub(super) depth_first: u32,
-    pub(super) depth: u32,
+    depth_first: u32,
+    depth: u32,
 }
 
 /// What a round took: seconds of tracing photons and of making octrees.

@@ -241,10 +241,14 @@ fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
         let (is, should) = (lit(&learner), bright * times);
         (0..3).for_each(|k| assert!((is[k] / should[k] - 1.0).abs() < 1e-2, "{is:?} for {should:?}"));
     }
-    let (is_other, black) = lamp(&mut learner, 0.0, Rgb::BLACK);
+    let (is_other, _) = lamp(&mut learner, 0.0, Rgb::BLACK);
     assert!(!is_other);
     assert_eq!(lit(&learner), Rgb::BLACK);
-    until_known(&mut learner, &black);
+    // On again before that is known, it is other light, and shown as it was.
+    assert!(lamp(&mut learner, 0.0, Rgb::WHITE).0);
+    assert_eq!(lit(&learner), bright);
+    let (_, black_again) = lamp(&mut learner, 0.0, Rgb::BLACK);
+    until_known(&mut learner, &black_again);
     // Out of black it is other light.
     let (is_other, now) = lamp(&mut learner, 0.0, Rgb::WHITE);
     assert!(is_other);
