@@ -9,12 +9,16 @@ use crate::{
     accel::Ray,
     film::{Film, PictureSize},
     math::{Rgb, sobol::PixelSampler},
-    render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Rendering},
+    render::{Indirect, RenderSettings, Rendering},
     scene::{
         CameraView, Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{ArrivingLight, Card, Counts, LitFrom, ScatteredLight, SecondaryLight, Technique},
+    technique::{
+        ArrivingLight, Card, Counts, LitFrom, Products, ScatteredLight, SecondaryLight, Step, Technique,
+        octree::{OctreeBuilding, OctreeSettings},
+        photons::{PhotonSettings, PhotonTracing},
+    },
     transport::{PathClass, Scatter, Surface, World},
 };
 
@@ -415,18 +419,26 @@ fn mean_seen_as(
     (sums, counts.shadow_rays)
 }
 
-/// The octree of so many photons.
+/// A rough octree, of a thirty-second of so many photons, gathered as widely as octrees are that are looked at.
 fn known_by_octree(world: &Arc<World>, photon_count: u32) -> Arc<dyn SecondaryLight> {
-    let mut settings = IlluminationSettings::of(&RenderSettings::default());
-    settings.photons.emitted_count = photon_count;
-    settings.octree.photon_count = photon_count;
-    let mut light = Illumination::new(settings);
+    let emitted_count = photon_count / 32;
+    let mut photons = PhotonTracing::new(PhotonSettings { emitted_count, ..PhotonSettings::default() });
+    let of =
+        OctreeSettings { depth_first: 4, depth: 4, photon_count: emitted_count, ..OctreeSettings::default() };
+    let mut octree = OctreeBuilding::new(of);
+    let (mut products, never) = (Products::default(), AtomicBool::new(false));
     for _ in 0..10_000 {
-        if light.step(world, &AtomicBool::new(false)) {
+        let mut step = Step { world, products: &mut products, canvas: None, cancel: &never };
+        if photons.is_complete() {
+            octree.step(&mut step);
+        } else {
+            photons.step(&mut step);
+        }
+        if products.secondary.is_some() {
             break;
         }
     }
-    light.known().unwrap().clone()
+    products.secondary.unwrap()
 }
 
 /// In a furnace, what shadows known light sends on as much, wherever the blur ends: in the corners everything is near, in the
