@@ -22,7 +22,7 @@ use crate::{
     math::Rgb,
     scene::CameraView,
     technique::{
-        Counts, Dimmed, Edit, Products, SecondaryLight, Step, Technique,
+        Counts, Dimmed, Edit, Flights, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceCaching,
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
@@ -366,6 +366,9 @@ impl Learner {
         self.gathered_from = illumination.generation();
         let known = illumination.known().cloned();
         let (tracer, base) = tracer_of_records(&self.settings, known);
+        let paths = illumination.photons().paths();
+        let flights = Flights::of(paths.flights(), paths.hit_count());
+        let tracer = tracer.hinting(flights.map(Arc::new));
         #[cfg(feature = "gpu")]
         let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {
             Some(gatherer) => Arc::new(ArrivingByGpu::new(tracer, Arc::clone(gatherer))),

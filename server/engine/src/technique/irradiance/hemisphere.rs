@@ -1,18 +1,19 @@
 //! The light of a hemisphere, cell by cell: where it is uneven, more rays are sent.
 //!
-//! Rings from the pole to the horizon, each with as many sectors, all of the same cosine-weighted solid angle [Ward1992]. Two
-//! rays go through each cell, one of each half of the samples. How much a half differs from cell to cell says where the
-//! *other* half needs more rays, which then share their cells' means: since no half decides over itself, the mean of both
+//! Two rays go through each cell (`strata.rs`), one of each half of the samples. How much a half differs from cell to cell says
+//! where the *other* half needs more rays, which then share their cells' means: since no half decides over itself, the mean of both
 //! stays unbiased, as that of samples which decide over themselves is not [Kirk1991]. Edges of bright patches, where nearly
-//! all noise of a gather comes from, are thus looked at many times over.
+//! all noise of a gather comes from, are thus looked at many times over; and so is what photons say is bright (`hints.rs`), which
+//! few rays or none of a half may have met.
 
 use std::{ops::Range, sync::atomic::AtomicBool};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::{
-    IrradianceSettings,
+    IrradianceSettings, Strata,
+    hints::Hints,
     horizon::{Horizon, LowHits},
     record::Gradient,
     sight::Sight,
@@ -21,7 +22,7 @@ use super::{
 use crate::{
     accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
-    technique::{Arrived, ArrivingLight, Counts, GatherRay},
+    technique::{Arrived, ArrivingLight, Counts, Flights, GatherRay},
     transport::World,
 };
 
@@ -35,8 +36,7 @@ const GATHER_SEQUENCE: u32 = 0x6761;
 /// The light of a hemisphere.
 pub(super) struct Hemisphere {
     frame: Frame,
-    rings: usize,
-    sectors: usize,
+    strata: Strata,
     /// Mean radiance of each cell, ring by ring.
     radiance: Vec<Rgb>,
     /// Mean of 1 / distance in each cell, 1/m; of rays that set out behind the triangle nothing.
@@ -54,26 +54,22 @@ pub(super) struct Hemisphere {
 struct Half {
     radiance_sum: Vec<Rgb>,
     nearness_sum: Vec<f32>,
-    counts: Vec<f32>,
+    counts: Vec<u32>,
 }
 
 impl Half {
     fn of(cells: usize) -> Half {
-        Half {
-            radiance_sum: vec![Rgb::BLACK; cells],
-            nearness_sum: vec![0.0; cells],
-            counts: vec![0.0; cells],
-        }
+        Half { radiance_sum: vec![Rgb::BLACK; cells], nearness_sum: vec![0.0; cells], counts: vec![0; cells] }
     }
 
     fn add(&mut self, cell: usize, radiance: Rgb, nearness: f32) {
         self.radiance_sum[cell] += radiance;
         self.nearness_sum[cell] += nearness;
-        self.counts[cell] += 1.0;
+        self.counts[cell] += 1;
     }
 
     fn radiance(&self, cell: usize) -> Rgb {
-        self.radiance_sum[cell] * (1.0 / self.counts[cell])
+        self.radiance_sum[cell] * (1.0 / self.counts[cell] as f32)
     }
 }
 
@@ -83,8 +79,9 @@ struct Gathering<'a> {
     /// Of the triangle, on the side that receives.
     plane: Frame,
     frame: Frame,
-    rings: usize,
-    sectors: usize,
+    strata: Strata,
+    /// What is known of its light before.
+    hints: Option<Hints>,
     /// Names its random numbers.
     key: u64,
     /// Nothing counts as nearer than this, m.
@@ -95,25 +92,41 @@ struct Gathering<'a> {
     sight: Sight,
     low_hits: LowHits,
     halves: [Half; 2],
-    /// Cells that the next rays of each half go through, which may be named more than once.
-    due: [Vec<usize>; 2],
+    /// Where the next rays of each half go.
+    due: [Vec<Aim>; 2],
+}
+
+/// Where a ray goes.
+#[derive(Clone, Copy, Debug)]
+struct Aim {
+    cell: usize,
+    /// Unit, in the hemisphere's frame.
+    direction: Vec3,
+    /// For how much it counts: less where it is likelier to go than elsewhere in its cell.
+    weight: f32,
 }
 
 impl<'a> Gathering<'a> {
     /// - `visit`: how often the point was gathered at before: names other rays
-    fn new(world: &World, seen: &'a Seen, settings: &IrradianceSettings, visit: u32) -> Gathering<'a> {
+    fn new(
+        world: &World,
+        seen: &'a Seen,
+        settings: &IrradianceSettings,
+        visit: u32,
+        flights: Option<&Flights>,
+    ) -> Gathering<'a> {
         let Seen { point, facing, .. } = seen;
-        let (rings, sectors) = settings.strata();
+        let (strata, frame) = (settings.strata(), Frame::around(facing.normal));
         // A record depends on its place alone, not on when it was made.
         let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
         let key = place.fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(bits)));
-        let cells: Vec<usize> = (0..rings * sectors).collect();
-        Gathering {
+        let cells: Vec<usize> = (0..strata.count()).collect();
+        let mut gathering = Gathering {
             point,
             plane: Frame::around(facing.n_geo),
-            frame: Frame::around(facing.normal),
-            rings,
-            sectors,
+            frame,
+            strata,
+            hints: flights.map(|flights| Hints::of(flights, point.position, &frame, strata)),
             key,
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,
@@ -121,26 +134,40 @@ impl<'a> Gathering<'a> {
             sight: Sight::NONE,
             low_hits: LowHits::NONE,
             halves: [Half::of(cells.len()), Half::of(cells.len())],
-            due: [cells.clone(), cells],
-        }
+            due: [Vec::new(), Vec::new()],
+        };
+        gathering.due = [0, 1].map(|half| gathering.aims(half, &cells));
+        gathering
+    }
+
+    /// Where rays of a half go through some cells, of which each may be named several times in a row.
+    fn aims(&self, half: usize, cells: &[usize]) -> Vec<Aim> {
+        let mut counts = self.halves[half].counts.clone();
+        let aim = |cell: &usize| {
+            let cell = *cell;
+            let number = counts[cell];
+            counts[cell] += 1;
+            // The first rays of all cells are spread over their cells together, those that follow over their own.
+            let [x, y, ..] = match number.checked_sub(1) {
+                None => sobol::point(self.key, (half * self.strata.count() + cell) as u32),
+                Some(again) => sobol::point(sobol::mix(self.key ^ (1 + 2 * cell + half) as u64), again),
+            };
+            let even = Vec2::new(x, y);
+            let (place, weight) = match &self.hints {
+                Some(hints) => hints.place(cell, even),
+                None => (even, 1.0),
+            };
+            Aim { cell, direction: self.strata.direction(cell, place), weight }
+        };
+        cells.iter().map(aim).collect()
     }
 
     /// The rays that are due, half by half.
     fn rays(&self) -> impl Iterator<Item = GatherRay> {
-        (self.sent..).zip(self.due.iter().flatten()).map(|(number, cell)| self.ray(number, *cell))
-    }
-
-    fn ray(&self, number: u32, cell: usize) -> GatherRay {
-        let [u, v, ..] = sobol::point(self.key, number);
-        let (ring, sector) = (cell / self.sectors, cell % self.sectors);
-        let sin2 = (ring as f32 + u) / self.rings as f32;
-        let phi = std::f32::consts::TAU * (sector as f32 + v) / self.sectors as f32;
-        let (sin, cos) = (sin2.sqrt(), (1.0 - sin2).max(0.0).sqrt());
-        let direction = self.frame.to_world(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos));
-        GatherRay {
-            ray: self.point.ray_towards(direction.normalize()),
+        (self.sent..).zip(self.due.iter().flatten()).map(|(number, aim)| GatherRay {
+            ray: self.point.ray_towards(self.frame.to_world(aim.direction).normalize()),
             sampler: sobol::PixelSampler::new(self.key, GATHER_SEQUENCE, (self.key >> 32) as u32, number),
-        }
+        })
     }
 
     /// Takes in what the rays that were due have brought.
@@ -148,8 +175,7 @@ impl<'a> Gathering<'a> {
         self.sent += rays.len() as u32;
         let mut brought = rays.iter().zip(arrived);
         for (half, due) in self.halves.iter_mut().zip(&mut self.due) {
-            for (cell, (GatherRay { ray, .. }, arrived)) in std::mem::take(due).into_iter().zip(&mut brought)
-            {
+            for (aim, (GatherRay { ray, .. }, arrived)) in std::mem::take(due).into_iter().zip(&mut brought) {
                 let radiance = arrived.radiance;
                 self.sight.add(self.frame.to_local(ray.direction), arrived.distance_m);
                 // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
@@ -159,7 +185,8 @@ impl<'a> Gathering<'a> {
                 let nearness = distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
                 self.before_count += u32::from(is_before);
                 self.low_hits.add(self.plane.to_local(ray.direction), arrived.distance_m);
-                half.add(cell, if radiance.is_finite() { radiance } else { Rgb::BLACK }, nearness);
+                let radiance = if radiance.is_finite() { radiance } else { Rgb::BLACK };
+                half.add(aim.cell, radiance * aim.weight, nearness * aim.weight);
             }
         }
     }
@@ -168,24 +195,23 @@ impl<'a> Gathering<'a> {
     fn look_again(&mut self, settings: &IrradianceSettings) {
         // Each of two independent halves may be off by √2 as much as their mean.
         let noise = std::f32::consts::SQRT_2 * settings.noise;
-        let cells = self.rings * self.sectors;
+        let cells = self.strata.count();
         let [of_first, of_second] = self.halves.each_ref().map(|half| self.uneven(half, noise, cells));
-        self.due = [of_second, of_first];
+        self.due = [self.aims(0, &of_second), self.aims(1, &of_first)];
     }
 
     fn end(self) -> Hemisphere {
         let [first, second] = &self.halves;
-        let cells = 0..self.rings * self.sectors;
+        let cells = 0..self.strata.count();
         let radiance =
             cells.clone().map(|cell| (first.radiance(cell) + second.radiance(cell)) * 0.5).collect();
         let nearness = cells.map(|cell| {
             (first.nearness_sum[cell] + second.nearness_sum[cell])
-                / (first.counts[cell] + second.counts[cell])
+                / (first.counts[cell] + second.counts[cell]) as f32
         });
         Hemisphere {
             frame: self.frame,
-            rings: self.rings,
-            sectors: self.sectors,
+            strata: self.strata,
             radiance,
             nearness: nearness.collect(),
             before_share: self.before_count as f32 / self.sent as f32,
@@ -195,26 +221,24 @@ impl<'a> Gathering<'a> {
     }
 
     /// Cells that the other half is to look at again, each as often as it takes, at most so many rays: those that most differ
-    /// from their neighbours, until the irradiance is known to `noise` of itself.
+    /// from their neighbours, by what this half met or photons say, until the irradiance is known to `noise` of itself.
     fn uneven(&self, half: &Half, noise: f32, count_max: usize) -> Vec<usize> {
-        let cells = self.rings * self.sectors;
-        let luminance: Vec<f32> = (0..cells).map(|cell| half.radiance(cell).mean()).collect();
-        let spread: Vec<f32> = (0..cells)
+        let strata = self.strata;
+        let luminance: Vec<f32> = (0..strata.count()).map(|cell| half.radiance(cell).mean()).collect();
+        let all: f32 = luminance.iter().sum();
+        let spread_of = |luminance: &dyn Fn(usize) -> f32, cell: usize| {
+            let off = |other: usize| (luminance(other) - luminance(cell)).abs();
+            // A cell that is half one and half the other has this spread.
+            0.5 * strata.beside(cell).map(off).fold(0.0, f32::max)
+        };
+        let spread: Vec<f32> = (0..strata.count())
             .map(|cell| {
-                let (ring, sector) = (cell / self.sectors, cell % self.sectors);
-                let row = ring * self.sectors;
-                let beside =
-                    [row + (sector + 1) % self.sectors, row + (sector + self.sectors - 1) % self.sectors];
-                let inwards = ring.checked_sub(1).map(|_| cell - self.sectors);
-                let outwards = (ring + 1 < self.rings).then(|| cell + self.sectors);
-                let neighbours = beside.into_iter().chain(inwards).chain(outwards);
-                let farthest =
-                    neighbours.map(|other| (luminance[other] - luminance[cell]).abs()).fold(0.0, f32::max);
-                // A cell that is half one and half the other has this spread.
-                0.5 * farthest
+                let met = spread_of(&|cell| luminance[cell], cell);
+                let told = self.hints.as_ref().map(|hints| all * spread_of(&|cell| hints.share(cell), cell));
+                met.max(told.unwrap_or(0.0))
             })
             .collect();
-        let (all, spreads): (f32, f32) = (luminance.iter().sum(), spread.iter().sum());
+        let spreads: f32 = spread.iter().sum();
         if !(all > 0.0 && spreads > 0.0) {
             return Vec::new();
         }
@@ -239,8 +263,7 @@ impl<'a> Gathering<'a> {
 
 /// Rays of one hemisphere that are asked for together.
 pub(super) fn rays_of_a_round(settings: &IrradianceSettings) -> usize {
-    let (rings, sectors) = settings.strata();
-    2 * rings * sectors
+    2 * settings.strata().count()
 }
 
 impl Hemisphere {
@@ -256,8 +279,10 @@ impl Hemisphere {
         cancel: &AtomicBool,
         counts: &mut Counts,
     ) -> Option<Vec<Hemisphere>> {
-        let mut all: Vec<Gathering<'_>> =
-            points.par_iter().map(|seen| Gathering::new(world, seen, settings, visit)).collect();
+        let mut all: Vec<Gathering<'_>> = points
+            .par_iter()
+            .map(|seen| Gathering::new(world, seen, settings, visit, arriving.flights()))
+            .collect();
         for is_last in [false, true] {
             let mut end = 0;
             let own: Vec<Range<usize>> = all
@@ -280,13 +305,9 @@ impl Hemisphere {
         Some(all.into_iter().map(Gathering::end).collect())
     }
 
-    fn at(&self, ring: usize, sector: usize) -> usize {
-        ring * self.sectors + sector % self.sectors
-    }
-
     /// Directions in the surface's plane: of an angle in sectors, and across it.
     fn in_plane(&self, sectors: f32) -> [Vec3; 2] {
-        let phi = std::f32::consts::TAU * sectors / self.sectors as f32;
+        let phi = std::f32::consts::TAU * sectors / self.strata.sectors as f32;
         let (sin, cos) = phi.sin_cos();
         [self.frame.to_world(Vec3::new(cos, sin, 0.0)), self.frame.to_world(Vec3::new(-sin, cos, 0.0))]
     }
@@ -316,15 +337,15 @@ impl Hemisphere {
         let mut gradient = [Vec3::ZERO; 3];
         // ∫ tan θ d(sin² θ) from the pole.
         let from_pole = |ring: usize| {
-            let sin2 = ring as f32 / self.rings as f32;
+            let sin2 = ring as f32 / self.strata.rings as f32;
             sin2.sqrt().asin() - (sin2 * (1.0 - sin2)).sqrt()
         };
-        let tangent = |ring: usize| (from_pole(ring + 1) - from_pole(ring)) * self.rings as f32;
-        for sector in 0..self.sectors {
+        let tangent = |ring: usize| (from_pole(ring + 1) - from_pole(ring)) * self.strata.rings as f32;
+        for sector in 0..self.strata.sectors {
             let [_, across] = self.in_plane(sector as f32 + 0.5);
             let mut sum = Rgb::BLACK;
-            for ring in 0..self.rings {
-                sum += self.radiance[self.at(ring, sector)] * tangent(ring);
+            for ring in 0..self.strata.rings {
+                sum += self.radiance[self.strata.at(ring, sector)] * tangent(ring);
             }
             add(&mut gradient, across, sum * (std::f32::consts::PI / self.radiance.len() as f32));
         }
@@ -336,21 +357,22 @@ impl Hemisphere {
     pub(super) fn moving(&self) -> Gradient {
         let mut gradient = [Vec3::ZERO; 3];
         let inverse = |a: usize, b: usize| self.nearness[a].max(self.nearness[b]);
-        let sin_below = |ring: usize| (ring as f32 / self.rings as f32).sqrt();
-        for sector in 0..self.sectors {
+        let sin_below = |ring: usize| (ring as f32 / self.strata.rings as f32).sqrt();
+        for sector in 0..self.strata.sectors {
             let [along, _] = self.in_plane(sector as f32 + 0.5);
             let mut outwards = Rgb::BLACK;
-            for ring in 1..self.rings {
-                let (outer, inner) = (self.at(ring, sector), self.at(ring - 1, sector));
+            for ring in 1..self.strata.rings {
+                let (outer, inner) = (self.strata.at(ring, sector), self.strata.at(ring - 1, sector));
                 let sin = sin_below(ring);
                 let rate = sin * (1.0 - sin * sin) * inverse(outer, inner);
                 outwards += (self.radiance[outer] - self.radiance[inner]) * rate;
             }
-            add(&mut gradient, along, outwards * (std::f32::consts::TAU / self.sectors as f32));
+            add(&mut gradient, along, outwards * (std::f32::consts::TAU / self.strata.sectors as f32));
             let [_, across] = self.in_plane(sector as f32);
             let mut sideways = Rgb::BLACK;
-            for ring in 0..self.rings {
-                let (here, before) = (self.at(ring, sector), self.at(ring, sector + self.sectors - 1));
+            for ring in 0..self.strata.rings {
+                let (here, before) =
+                    (self.strata.at(ring, sector), self.strata.at(ring, sector + self.strata.sectors - 1));
                 let rate = (sin_below(ring + 1) - sin_below(ring)) * inverse(here, before);
                 sideways += (self.radiance[here] - self.radiance[before]) * rate;
             }

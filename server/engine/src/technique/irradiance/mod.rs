@@ -11,11 +11,13 @@
 mod caching;
 mod hemi_plane;
 mod hemisphere;
+mod hints;
 mod horizon;
 mod index;
 mod record;
 mod sight;
 mod splat;
+mod strata;
 #[cfg(test)]
 mod tests;
 mod upload;
@@ -34,7 +36,7 @@ pub use self::{
     record::{Facing, Gradient, Record, Weighing},
 };
 
-use self::{index::Index, splat::Splats};
+use self::{index::Index, splat::Splats, strata::Strata};
 use super::{
     ArrivingLight, Bias, Card, Counts, PackedRecords, ScatteredLight, ScreenLight, SecondaryLight, View,
 };
@@ -113,10 +115,10 @@ impl IrradianceSettings {
     }
 
     /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992], with four rays each at most in the mean.
-    fn strata(&self) -> (usize, usize) {
+    fn strata(&self) -> Strata {
         let rings =
             (self.ray_count.get() as f32 / (4.0 * std::f32::consts::PI)).sqrt().round().max(2.0) as usize;
-        (rings, (std::f32::consts::PI * rings as f32).round() as usize)
+        Strata { rings, sectors: (std::f32::consts::PI * rings as f32).round() as usize }
     }
 }
 

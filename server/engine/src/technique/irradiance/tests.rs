@@ -12,10 +12,12 @@ use crate::{
     accel::{Hit, Ray, SurfacePoint},
     math::{
         sobol::{self, PixelSampler, point},
+        statistics::RunningStatistics,
         warp,
     },
     scene::Material,
     scene::samples,
+    technique::{Flight, Flights},
     transport::World,
 };
 
@@ -156,39 +158,99 @@ fn what_lies_behind_a_triangle_makes_no_record_steep() {
     assert!(leaning > 100, "{leaning}");
 }
 
-/// Rays that go where light is uneven take nothing from the truth on average, though most hemispheres miss a spot smaller than
-/// their cells, and some look at it many times.
-#[test]
-fn a_bright_spot_counts_for_what_it_is() {
-    let world = room();
-    let (spot, radius_m) = (Vec3::new(0.3, 1.0, -0.2), 0.1);
-    let painted = Painted(move |p: Vec3| Rgb::splat(if p.distance(spot) < radius_m { 100.0 } else { 0.1 }));
-    // Of the room, and of the spot in parts on its ceiling, 2 m above.
+/// A small bright spot on the ceiling of [`room`], in the dark.
+const SPOT: Vec3 = Vec3::new(0.3, 1.0, -0.2);
+const SPOT_RADIUS_M: f32 = 0.1;
+
+fn spotted() -> Painted<impl Fn(Vec3) -> Rgb + Send + Sync> {
+    Painted(|p: Vec3| Rgb::splat(if p.distance(SPOT) < SPOT_RADIUS_M { 100.0 } else { 0.1 }))
+}
+
+/// What the middle of the floor receives of it: of the spot in parts, 2 m above.
+fn spotted_irradiance() -> f64 {
     let parts = (0..400).flat_map(|x| (0..400).map(move |z| Vec3::new(x as f32 + 0.5, 0.0, z as f32 + 0.5)));
-    let part_m = 2.0 * radius_m / 400.0;
+    let part_m = 2.0 * SPOT_RADIUS_M / 400.0;
     let of_spot: f64 = parts
-        .map(|part| spot - Vec3::new(radius_m, 0.0, radius_m) + part * part_m)
-        .filter(|p| p.distance(spot) < radius_m)
+        .map(|part| SPOT - Vec3::new(SPOT_RADIUS_M, 0.0, SPOT_RADIUS_M) + part * part_m)
+        .filter(|p| p.distance(SPOT) < SPOT_RADIUS_M)
         .map(|p| {
             let way2 = f64::from(p.distance_squared(Vec3::NEG_Y));
             4.0 / (way2 * way2) * f64::from(part_m * part_m) * 99.9
         })
         .sum();
-    let expected = of_spot + f64::from(0.1 * std::f32::consts::PI);
-    const COUNT: u64 = 4_000;
-    let mut missed = 0;
-    let sum: f64 = (0..COUNT)
-        .map(|seed| {
-            let settings = IrradianceSettings { seed, ..with_rays(100) };
-            let at = (floor(&world, 0.0, 0.0), Facing::flat(Vec3::Y));
-            let (record, _) = record_at(&world, at, &settings, &painted);
-            missed += u32::from(record.irradiance.r < 0.32);
-            f64::from(record.irradiance.r)
-        })
-        .sum();
-    let mean = sum / COUNT as f64;
-    assert!((mean / expected - 1.0).abs() < 0.02, "{mean} for {expected}");
-    assert!(missed > 1_000, "{missed}");
+    of_spot + f64::from(0.1 * std::f32::consts::PI)
+}
+
+/// What many records in the middle of the floor hold, each of a seed of its own.
+fn many_records(count: u64, rays: usize, arriving: &dyn ArrivingLight) -> RunningStatistics {
+    let world = room();
+    let at = (floor(&world, 0.0, 0.0), Facing::flat(Vec3::Y));
+    let mut found = RunningStatistics::default();
+    for seed in 0..count {
+        let settings = IrradianceSettings { seed, ..with_rays(rays) };
+        found.add(f64::from(record_at(&world, at, &settings, arriving).0.irradiance.r));
+    }
+    found
+}
+
+/// Rays that go where light is uneven take nothing from the truth on average, though most hemispheres miss a spot smaller than
+/// their cells, and some look at it many times.
+#[test]
+fn a_bright_spot_counts_for_what_it_is() {
+    let (found, expected) = (many_records(4_000, 100, &spotted()), spotted_irradiance());
+    assert!((found.mean() / expected - 1.0).abs() < 0.02, "{} for {expected}", found.mean());
+    assert!(found.variance() > 0.25 * expected * expected, "{}", found.variance());
+}
+
+/// Light with what photons say of it.
+#[derive(Debug)]
+struct Hinted<A>(A, Flights);
+
+impl<A: ArrivingLight> ArrivingLight for Hinted<A> {
+    fn radiance(
+        &self,
+        world: &World,
+        ray: &Ray,
+        met: Option<Hit>,
+        sampler: &PixelSampler,
+        counts: &mut Counts,
+    ) -> Rgb {
+        self.0.radiance(world, ray, met, sampler, counts)
+    }
+
+    fn flights(&self) -> Option<&Flights> {
+        Some(&self.1)
+    }
+}
+
+/// Photons that fell around the middle of the floor, from within a distance of `from`.
+fn photons_from(from: Vec3, radius_m: f32) -> Flights {
+    let flight = |number: u32| {
+        let [u, v, x, z] = point(17, number);
+        let around = Vec3::new(2.0 * u - 1.0, 0.0, 2.0 * v - 1.0) * radius_m;
+        Flight { from: from + around, to: Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2), flux_w: 1.0 }
+    };
+    Flights::of((0..300).map(flight), 300).unwrap()
+}
+
+/// Of a spot that photons tell of, records have a fraction of the noise. Whatever photons say, the mean is the truth, also where
+/// they tell of another place, of one below the floor and of the record's own.
+#[test]
+fn photons_say_where_a_bright_spot_is() {
+    let expected = spotted_irradiance();
+    let right = |found: &RunningStatistics| {
+        let off = (found.mean() - expected).abs();
+        assert!(off < 3.5 * found.standard_error(), "{} for {expected}", found.mean());
+    };
+    let without = many_records(1_000, 400, &spotted());
+    let with = many_records(1_000, 400, &Hinted(spotted(), photons_from(SPOT, SPOT_RADIUS_M)));
+    right(&with);
+    assert!(with.variance() < 0.1 * without.variance(), "{} {}", with.variance(), without.variance());
+    for (wrong, radius_m) in
+        [(Vec3::new(-0.9, 0.2, 0.9), 0.05), (Vec3::new(0.0, -3.0, 0.0), 1.0), (Vec3::NEG_Y, 0.0)]
+    {
+        right(&many_records(4_000, 400, &Hinted(spotted(), photons_from(wrong, radius_m))));
+    }
 }
 
 /// Noise of a record over that of as many cells without rays that go where light is uneven, and over that of one visit.

@@ -41,8 +41,8 @@ pub use gpu::{
 pub use view::{Lookout, View};
 
 use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Progress, ScatteredLight, ScreenLight,
-    SecondaryLight, Step, Technique,
+    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, Flights, FocusedLight, Progress, ScatteredLight,
+    ScreenLight, SecondaryLight, Step, Technique,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -99,6 +99,7 @@ pub struct PathTracer {
     secondary: Option<Arc<dyn SecondaryLight>>,
     /// The same for the view that was last drawn, where it can be laid out for it.
     screen: Option<(View, Option<Arc<dyn ScreenLight>>)>,
+    flights: Option<Arc<Flights>>,
 }
 
 static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::Unbiased };
@@ -106,12 +107,17 @@ static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::U
 impl PathTracer {
     /// A path tracer.
     pub fn new(settings: PathSettings) -> PathTracer {
-        PathTracer { settings, secondary: None, screen: None }
+        PathTracer { settings, secondary: None, screen: None, flights: None }
     }
 
     /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
     pub fn with_secondary(settings: PathSettings, secondary: Arc<dyn SecondaryLight>) -> PathTracer {
-        PathTracer { settings: settings.asking(), secondary: Some(secondary), screen: None }
+        PathTracer { secondary: Some(secondary), ..PathTracer::new(settings.asking()) }
+    }
+
+    /// Tells those who gather light along its rays where much of it comes from.
+    pub fn hinting(self, flights: Option<Arc<Flights>>) -> PathTracer {
+        PathTracer { flights, ..self }
     }
 
     /// It asks others for light that comes by way of other surfaces.
@@ -210,6 +216,10 @@ impl ArrivingLight for PathTracer {
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
         scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
+    }
+
+    fn flights(&self) -> Option<&Flights> {
+        self.flights.as_deref()
     }
 }
 

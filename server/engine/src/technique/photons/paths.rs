@@ -15,7 +15,7 @@ use crate::{
     accel::Hit,
     math::{Rgb, octahedral},
     technique::{
-        FallenPhoton, KeptPhoton, MAPPED, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
+        FallenPhoton, Flight, KeptPhoton, MAPPED, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
         TriangleSide,
     },
     transport::{PathClass, Source, SourceName, Surface, World},
@@ -419,6 +419,19 @@ impl PhotonPaths {
                 })
             })
             .collect()
+    }
+
+    /// The last flights of all photons that maps of indirect light hold, in order.
+    pub fn flights(&self) -> impl Iterator<Item = Flight> {
+        self.each_block().flat_map(|(flux_w, block)| {
+            let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
+            let indirect = ways.filter(|way| way[1].is_on_diffuse() && way[1].class() == PathClass::Indirect);
+            indirect.map(move |way| Flight {
+                from: way[0].position,
+                to: way[1].position,
+                flux_w: way[1].weight.mean() * flux_w,
+            })
+        })
     }
 
     /// Every hit with its flux, W, in order.

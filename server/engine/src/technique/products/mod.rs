@@ -4,6 +4,7 @@ mod carried;
 mod crease;
 mod dimmed;
 mod extent;
+mod flights;
 mod gather;
 mod map;
 mod packed;
@@ -27,6 +28,7 @@ pub use self::{
     },
     crease::CREASE_ANGLE_RAD,
     dimmed::Dimmed,
+    flights::{Flight, Flights},
     gather::{Gather, GatherBounds, GatheredPhoton},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
     packed::{
@@ -200,6 +202,11 @@ pub trait ArrivingLight: fmt::Debug + Send + Sync {
         sampler: &PixelSampler,
         counts: &mut Counts,
     ) -> Rgb;
+
+    /// Where much of it comes from, as far as that is known: hints that have no say in what it is.
+    fn flights(&self) -> Option<&Flights> {
+        None
+    }
 
     /// How many rays are to be asked for together, about: those of one point, or as many as keep a card busy.
     fn rays_at_once(&self) -> usize {

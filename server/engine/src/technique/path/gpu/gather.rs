@@ -24,7 +24,7 @@ use crate::{
     film::PictureSize,
     gpu::GpuError,
     math::{Frame, Rgb, sobol::PixelSampler, warp},
-    technique::{Arrived, ArrivingLight, Counts, GatherRay},
+    technique::{Arrived, ArrivingLight, Counts, Flights, GatherRay},
     transport::{PathClass, World},
 };
 
@@ -229,6 +229,10 @@ impl ArrivingLight for ArrivingByGpu {
         counts: &mut Counts,
     ) -> Rgb {
         self.tracer.radiance(world, ray, met, sampler, counts)
+    }
+
+    fn flights(&self) -> Option<&Flights> {
+        self.tracer.flights()
     }
 
     fn rays_at_once(&self) -> usize {
