@@ -136,14 +136,18 @@ impl Seen {
         };
         // What is sampled of emitters is not filtered, and its noise is not told from that of the rest: none of it counts as taken off.
         let is_shining = !sum(&[PathClass::Emitted]).is_black();
-        // Light that was replaced has fewer samples than the rest; how much of the noise is its own nobody has noted.
-        let fewest = f64::from(held.fewest().max(1));
-        let half_replaced = 0.5 + 0.5 * f64::from(held.passes) / fewest;
-        let variance = pixel.variance_of_mean(held.passes);
+        // Light that was replaced has fewer samples than the rest. How much of the noise is its own nobody has noted: half at most, and
+        // what is looked up hardly spreads by more than itself, as caustics do. What shadows' edges spread by is not its own: holes of
+        // leaves in sunlight on the ground blurred, 5.5 % for 3.6 after 4 s.
+        let [passes, fewest] = [held.passes, held.fewest()].map(|count| f64::from(count.max(1)));
+        let spread = pixel.variance_of_mean(held.passes) * passes;
+        let looked_up = f64::from(sum(&[PathClass::Indirect]).luminance());
+        let most = if sum(&[PathClass::Caustic]).is_black() { looked_up.powi(2) } else { f64::INFINITY };
+        let own = (0.5 * spread).min(most);
         Seen {
             light: sum(&FILTERED),
             carried: class.map_or(Rgb::BLACK, |class| sum(&[class])),
-            variance: variance * half_replaced,
+            variance: (spread - own) / passes + own / fewest,
             is_shining,
             albedo: pixel.albedo_sum / held.passes as f32,
             normal: pixel.normal_sum.normalize_or_zero(),

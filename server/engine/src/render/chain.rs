@@ -441,14 +441,13 @@ impl Shortfall {
 pub(super) struct Outlook {
     /// Samples a pixel of both when it was found.
     samples: u32,
-    /// relMSE of the looked-up picture, as far as it is noise; that of its film; and over how many passes; and the rest, which no sample
-    /// lowers, but for what was blurred because of noise: to take that for what is not known learns more and sooner, and pictures are
-    /// better for it (cornell-glossy at 2 s: 6.5 % for 8.4 with a quarter of the noise taken off counted as noise).
+    /// relMSE of the looked-up picture, as far as it is noise; that of its film; and over how many passes.
     noise: f64,
     film_noise: f64,
     passes: u32,
-    floor: f64,
-    /// relMSE of all of it, and the lower end of its interval.
+    /// relMSE of all of it, and the lower end of its interval. What is not noise no sample lowers, but for what was blurred because of
+    /// noise: to take that for what is not known learns more and sooner, and pictures are better for it (cornell-glossy at 2 s: 6.5 % for
+    /// 8.4 with a quarter of the noise taken off counted as noise).
     error: f64,
     sure_error: f64,
     /// Passes of it, with those from before what is looked up was replaced.
@@ -493,7 +492,6 @@ impl Outlook {
             noise,
             film_noise,
             passes,
-            floor: (error - noise).max(0.0),
             error,
             sure_error,
             kept_passes: spent.passes.max(1),
@@ -532,8 +530,9 @@ impl Outlook {
 
     /// Whose next pass takes more off the error of the blend for each ray.
     pub(super) fn turn(&self) -> Turn {
-        let error = (self.noise + self.floor).max(f64::MIN_POSITIVE);
-        let looked_up = self.noise / f64::from(self.passes) / error / error / self.looked_up_rays.max(1.0);
+        let Shortfall { noise, floor, .. } = self.shortfall();
+        let error = (noise + floor).max(f64::MIN_POSITIVE);
+        let looked_up = noise / f64::from(self.kept_passes) / error / error / self.looked_up_rays.max(1.0);
         let traced = 1.0 / (self.variance * self.traced_rays).max(f64::MIN_POSITIVE);
         if looked_up > traced { Turn::LookedUp } else { Turn::Traced }
     }
@@ -541,8 +540,9 @@ impl Outlook {
     /// Path tracing for all the rays spent so far would have left less error than what is learnt so far leaves however long it
     /// is sampled.
     pub(super) fn tracing_would_have_done(&self, rays_spent: u64) -> bool {
-        let passes = rays_spent as f64 / self.traced_rays.max(1.0);
-        self.variance / passes.max(1e-9) < self.floor
+        let traced = rays_spent as f64 / self.traced_rays.max(1.0);
+        let passes = Films { traced, ..self.films() }.traced_alike(self);
+        self.variance / passes.max(1e-9) < self.shortfall().floor
     }
 }
 
@@ -614,6 +614,31 @@ mod tests {
         assert_eq!(share(1e-2, 0.0, 0.0), 0.0);
         assert_eq!(share(0.0, 0.0, 0.0), 0.0);
         assert!(share(0.0, 1.0, 1.0) > 1e100);
+    }
+
+    /// Path tracing would have done better where what samples do not lower is more than it would have left: also right after what is looked
+    /// up was replaced, when the noise of what came since is large and most samples are from before.
+    #[test]
+    fn tracing_is_weighed_against_what_samples_do_not_lower() {
+        let outlook = Outlook {
+            samples: 19,
+            noise: 0.038,
+            film_noise: 0.1,
+            passes: 2,
+            error: 0.045,
+            sure_error: 0.022,
+            kept_passes: 17,
+            variance: 0.31,
+            traced_passes: 2,
+            looked_up_rays: 8e4,
+            traced_rays: 1e5,
+        };
+        // 32 passes would leave 0.009.
+        assert!(outlook.tracing_would_have_done(3_200_000));
+        assert!(!outlook.tracing_would_have_done(400_000), "four passes");
+        assert!(!Outlook { error: 0.009, ..outlook }.tracing_would_have_done(3_200_000), "noise alone");
+        assert_eq!(outlook.turn(), Turn::Traced);
+        assert_eq!(Outlook { error: 0.005, ..outlook }.turn(), Turn::LookedUp);
     }
 
     /// Shares that would leave nothing known, or nothing drawn, are refused.

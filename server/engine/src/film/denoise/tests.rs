@@ -2,7 +2,7 @@ use std::ops::Range;
 
 use super::*;
 use crate::{
-    film::{Film, Picture, PictureSize, PixelSample},
+    film::{Film, Outdated, Picture, PictureSize, PixelSample},
     math::sobol::PixelSampler,
 };
 
@@ -104,6 +104,34 @@ fn light_stays_on_its_surface() {
         let [bright, dark] = [beside(WIDTH / 2 - 1), beside(WIDTH / 2)];
         assert!((bright - 1.0).abs() < 0.12 && (dark - 0.2).abs() < 0.03, "{name}: {bright}, {dark}");
     }
+}
+
+/// Shadows that samples tell from noise stay as they are when looked-up light is replaced, which says nothing of them.
+#[test]
+fn shadows_outlast_light_that_is_replaced() {
+    // Stripes two pixels wide, in light and in shadow by four of five samples.
+    let is_lit = |x: u32| x / 2 % 2 == 0;
+    let sample = |x: u32, y: u32, pass: u32| {
+        let mut sample = sheet(0.0);
+        let comes = noise(x, y, pass) < if is_lit(x) { 1.6 } else { 0.4 };
+        sample.radiance[PathClass::Direct as usize] = Rgb::splat(f32::from(u8::from(comes)));
+        sample.radiance[PathClass::Indirect as usize] = Rgb::splat(0.02);
+        sample
+    };
+    let error = |film: &Film| {
+        let image = denoised(film);
+        let columns =
+            (0..WIDTH).map(|x| squared_error(&image, x..x + 1, if is_lit(x) { 0.82 } else { 0.22 }));
+        columns.sum::<f64>() / f64::from(WIDTH)
+    };
+    let mut film = film_of(size(), 64, sample);
+    let before = error(&film);
+    film.outdate(&[PathClass::Indirect], Outdated::Rough);
+    for pass in 64..66 {
+        film.tiles_mut().iter_mut().for_each(|tile| tile.add_pass(|x, y| sample(x, y, pass)));
+    }
+    let after = error(&film);
+    assert!(after < 1.2 * before, "{after} for {before}");
 }
 
 /// The edge of a shadow on one sheet is blurred while samples are few, and no more once they tell it from noise.
