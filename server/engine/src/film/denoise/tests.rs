@@ -110,7 +110,7 @@ fn light_stays_on_its_surface() {
 #[test]
 fn shadows_outlast_light_that_is_replaced() {
     // Stripes two pixels wide, in light and in shadow by four of five samples.
-    let is_lit = |x: u32| x / 2 % 2 == 0;
+    let is_lit = |x: u32| (x / 2).is_multiple_of(2);
     let sample = |x: u32, y: u32, pass: u32| {
         let mut sample = sheet(0.0);
         let comes = noise(x, y, pass) < if is_lit(x) { 1.6 } else { 0.4 };
