@@ -83,8 +83,16 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
     }
     let around = neighbourhood_mean(&shown, film.size().width() as usize);
     // Sums are taken in one order, one after the other: the figure does not depend on the threads.
-    let mut errors: Vec<f64> =
-        squared.par_iter().zip(&around).map(|(squared, around)| relative(*squared, *around, mean)).collect();
+    let mut errors: Vec<f64> = (0..shown.len())
+        .into_par_iter()
+        .map(|index| {
+            let (shown, squared) = (shown[index], squared[index]);
+            // What its halves say: half of their difference is the root of the error.
+            let halves =
+                [-1.0, 1.0].map(|way: f64| std::array::from_fn(|c| shown[c] + way * squared[c].sqrt()));
+            relative(squared, standing(around[index], halves), mean)
+        })
+        .collect();
     let (rel_mse, standard_error) = mean_and_standard_error(&errors);
     Some(MeasuredError {
         rel_mse,
@@ -92,6 +100,29 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
         trimmed: Some(trimmed_mean(&mut errors)),
     })
 }
+
+/// What stands for the truth in a pixel: the mean around, unless two that know the pixel itself, independent of each other, agree that
+/// it is more than twice as bright or less than half so; then the one that says less so. A small lamp in the dark, and its edges, would
+/// else be measured by the dark, and what is dark beside light by that. (A room with sixty small lamps in its ceiling, path-traced for
+/// a second, has 21 % and read 66.)
+pub(super) fn standing(around: [f64; 3], known: [[f64; 3]; 2]) -> [f64; 3] {
+    std::array::from_fn(|c| agreed(around[c], known.map(|known| known[c])))
+}
+
+/// The same of one channel.
+pub(super) fn agreed(around: f64, known: [f64; 2]) -> f64 {
+    let [less, more] = [known[0].min(known[1]), known[0].max(known[1])];
+    if less > OTHERWISE * around {
+        less
+    } else if OTHERWISE * more < around {
+        more.max(0.0)
+    } else {
+        around
+    }
+}
+
+/// So many times as bright as around, or as dark, is another light than there.
+const OTHERWISE: f64 = 2.0;
 
 /// Squared error of a pixel over what stands for the square of the truth there, mean over the channels.
 ///

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::{
     Film, MeasuredError, PictureSize, TILE_SIDE,
     denoise::{Denoised, Denoising},
-    measured::{Beside, neighbourhood_mean, of_pixels, relative},
+    measured::{Beside, neighbourhood_mean, of_pixels, relative, standing},
     pixel::Pixel,
 };
 use crate::{math::Rgb, transport::PathClass};
@@ -203,7 +203,8 @@ impl<'a> Blend<'a> {
             .map(|index| {
                 let (a, b) = (shown[index], other[index]);
                 let squared = std::array::from_fn(|channel| (a[channel] - b[channel]).powi(2));
-                (relative(squared, around[index], mean), relative(noise[index], around[index], mean))
+                let around = standing(around[index], [a, b]);
+                (relative(squared, around, mean), relative(noise[index], around, mean))
             })
             .unzip();
         let columns = size.width().div_ceil(TILE_SIDE) as usize;

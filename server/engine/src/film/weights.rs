@@ -10,7 +10,10 @@
 //! Pixels have a say in their own groups. Without, a group that lost its one bright sample would look too dark to that pixel
 //! alone, whose error it would weigh, and pictures that are too dark would read worse than they are.
 
-use super::gauged::{GaugedPixel, Shown};
+use super::{
+    gauged::{GaugedPixel, Shown},
+    measured::agreed,
+};
 
 /// Fewest pixels of a group.
 const GROUP_LEAST: usize = 8;
@@ -38,6 +41,8 @@ fn belief(difference: f64, variance: f64) -> f64 {
 pub(super) struct Standing {
     /// What the picture shows around, corrected by the pixel's groups.
     around: f64,
+    /// What it shows in the pixel itself.
+    at: f64,
     /// Relative standard deviation of that correction.
     doubt: f64,
     /// Relative variance of what a pixel finds, as usual: few samples of one may have found no light at all, and agree on that.
@@ -103,6 +108,7 @@ impl Weights {
         let standing = |one: &Sighting| {
             std::array::from_fn(|c| Standing {
                 around: one.shown[c],
+                at: shown[one.place].at[c],
                 doubt: one.doubt[c],
                 usual: usual[c],
                 typical: typical[c],
@@ -158,8 +164,11 @@ impl Standing {
         let least = if is_evident { self.usual } else { self.typical.max(self.usual) } / found.samples_share;
         let off = found.mean - self.around;
         let chance = PIXELS_CHANCE * found.variance.max(least * self.around * self.around);
-        let truth =
+        let by_pixel =
             if off * off > chance { self.around + off * (1.0 - chance / (off * off)) } else { self.around };
+        // Where the picture and the pixel's samples agree on another light than around, and not by chance, that counts.
+        let agreed = agreed(self.around, [self.at, found.mean]);
+        let truth = if is_evident && agreed != self.around { agreed } else { by_pixel };
         1.0 / (truth * truth + self.floor)
     }
 }
