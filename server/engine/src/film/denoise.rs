@@ -126,7 +126,8 @@ impl Seen {
         depth_m: 0.0,
     };
 
-    fn of(pixel: &Pixel, held: Held, class: Option<PathClass>) -> Seen {
+    /// - `has_caustics`: the film shows some, which may spread by far more than themselves
+    fn of(pixel: &Pixel, held: Held, class: Option<PathClass>, has_caustics: bool) -> Seen {
         let sum = |classes: &[PathClass]| -> Rgb {
             let mut sum = [0.0; 3];
             for class in classes {
@@ -137,13 +138,14 @@ impl Seen {
         // What is sampled of emitters is not filtered, and its noise is not told from that of the rest: none of it counts as taken off.
         let is_shining = !sum(&[PathClass::Emitted]).is_black();
         // Light that was replaced has fewer samples than the rest. How much of the noise is its own nobody has noted: half at most, and
-        // what is looked up hardly spreads by more than itself, as caustics do. What shadows' edges spread by is not its own: holes of
-        // leaves in sunlight on the ground blurred, 5.5 % for 3.6 after 4 s.
+        // what is looked up hardly spreads by more than itself. What shadows' edges spread by is not its own: holes of leaves in
+        // sunlight on the ground blurred, 5.5 % for 3.6 after 4 s.
         let [passes, fewest] = [held.passes, held.fewest()].map(|count| f64::from(count.max(1)));
         let spread = pixel.variance_of_mean(held.passes) * passes;
         let looked_up = f64::from(sum(&[PathClass::Indirect]).luminance());
-        let most = if sum(&[PathClass::Caustic]).is_black() { looked_up.powi(2) } else { f64::INFINITY };
-        let own = (0.5 * spread).min(most);
+        // Of a single sample, which may have found nothing, that is not known.
+        let is_known = !has_caustics && held.fewest() >= 2;
+        let own = (0.5 * spread).min(if is_known { looked_up.powi(2) } else { f64::INFINITY });
         Seen {
             light: sum(&FILTERED),
             carried: class.map_or(Rgb::BLACK, |class| sum(&[class])),
@@ -179,7 +181,8 @@ struct Filter {
 impl Filter {
     /// - `class`: whose light is carried along by the weights that all light has, and whose change is told
     fn of(film: &Film, class: Option<PathClass>) -> Filter {
-        let seen = film.image(Seen::NOTHING, |pixel, held| Seen::of(pixel, held, class));
+        let has_caustics = film.layer(PathClass::Caustic).iter().any(|light| !light.is_black());
+        let seen = film.image(Seen::NOTHING, |pixel, held| Seen::of(pixel, held, class, has_caustics));
         let brightest = seen.iter().map(|seen| seen.light.max_component()).fold(0.0, f32::max);
         let scale = (-f64::from(brightest.max(f32::MIN_POSITIVE)).log2().ceil()).exp2();
         let width = film.size().width() as usize;

@@ -636,7 +636,7 @@ mod tests {
         // 32 passes would leave 0.009.
         assert!(outlook.tracing_would_have_done(3_200_000));
         assert!(!outlook.tracing_would_have_done(400_000), "four passes");
-        assert!(!Outlook { error: 0.009, ..outlook }.tracing_would_have_done(3_200_000), "noise alone");
+        assert!(!Outlook { error: 0.009, ..outlook }.tracing_would_have_done(3_200_000), "noise, half of it");
         assert_eq!(outlook.turn(), Turn::Traced);
         assert_eq!(Outlook { error: 0.005, ..outlook }.turn(), Turn::LookedUp);
     }

@@ -367,7 +367,7 @@ impl Learner {
         let known = illumination.known().cloned();
         let (tracer, base) = tracer_of_records(&self.settings, known);
         let paths = illumination.photons().paths();
-        let flights = Flights::of(paths.flights(), paths.hit_count());
+        let flights = Flights::of(paths.flights(), paths.flights().count());
         let tracer = tracer.hinting(flights.map(Arc::new));
         #[cfg(feature = "gpu")]
         let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {

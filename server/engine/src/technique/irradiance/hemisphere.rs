@@ -41,7 +41,7 @@ pub(super) struct Hemisphere {
     radiance: Vec<Rgb>,
     /// Mean of 1 / distance in each cell, 1/m; of rays that set out behind the triangle nothing.
     nearness: Vec<f32>,
-    /// Share of the rays that set out before the triangle.
+    /// Share of the hemisphere that lies before the triangle.
     before_share: f32,
     /// How far all of them went.
     sight: Sight,
@@ -54,17 +54,26 @@ pub(super) struct Hemisphere {
 struct Half {
     radiance_sum: Vec<Rgb>,
     nearness_sum: Vec<f32>,
+    /// Weights of rays that set out before the triangle, and of all.
+    before_sum: Vec<f32>,
+    weight_sum: Vec<f32>,
     counts: Vec<u32>,
 }
 
 impl Half {
     fn of(cells: usize) -> Half {
-        Half { radiance_sum: vec![Rgb::BLACK; cells], nearness_sum: vec![0.0; cells], counts: vec![0; cells] }
+        let [nearness_sum, before_sum, weight_sum] = [(); 3].map(|()| vec![0.0; cells]);
+        let (radiance_sum, counts) = (vec![Rgb::BLACK; cells], vec![0; cells]);
+        Half { radiance_sum, nearness_sum, before_sum, weight_sum, counts }
     }
 
-    fn add(&mut self, cell: usize, radiance: Rgb, nearness: f32) {
+    /// - `weight`: of the ray; `radiance` has it already
+    /// - `nearness`: nothing of rays that set out behind the triangle
+    fn add(&mut self, cell: usize, radiance: Rgb, weight: f32, nearness: Option<f32>) {
         self.radiance_sum[cell] += radiance;
-        self.nearness_sum[cell] += nearness;
+        self.nearness_sum[cell] += weight * nearness.unwrap_or(0.0);
+        self.before_sum[cell] += if nearness.is_some() { weight } else { 0.0 };
+        self.weight_sum[cell] += weight;
         self.counts[cell] += 1;
     }
 
@@ -87,8 +96,6 @@ struct Gathering<'a> {
     /// Nothing counts as nearer than this, m.
     nearest_m: f32,
     sent: u32,
-    /// Of those, the ones that set out before the triangle.
-    before_count: u32,
     sight: Sight,
     low_hits: LowHits,
     halves: [Half; 2],
@@ -117,7 +124,7 @@ impl<'a> Gathering<'a> {
     ) -> Gathering<'a> {
         let Seen { point, facing, .. } = seen;
         let (strata, frame) = (settings.strata(), Frame::around(facing.normal));
-        // A record depends on its place alone, not on when it was made.
+        // A record depends on its place and on what is known of the light alone, not on when it was made.
         let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
         let key = place.fold(settings.seed, |key, bits| sobol::mix(key ^ u64::from(bits)));
         let cells: Vec<usize> = (0..strata.count()).collect();
@@ -130,7 +137,6 @@ impl<'a> Gathering<'a> {
             key,
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,
-            before_count: 0,
             sight: Sight::NONE,
             low_hits: LowHits::NONE,
             halves: [Half::of(cells.len()), Half::of(cells.len())],
@@ -176,17 +182,16 @@ impl<'a> Gathering<'a> {
         let mut brought = rays.iter().zip(arrived);
         for (half, due) in self.halves.iter_mut().zip(&mut self.due) {
             for (aim, (GatherRay { ray, .. }, arrived)) in std::mem::take(due).into_iter().zip(&mut brought) {
-                let radiance = arrived.radiance;
                 self.sight.add(self.frame.to_local(ray.direction), arrived.distance_m);
                 // Where a shading normal leans off its triangle some rays set out behind it. What they meet there, the
                 // triangle beside from within at no distance, says nothing of how light changes along the surface.
                 let is_before = ray.direction.dot(self.plane.n) > 0.0;
-                let distance_m = arrived.distance_m.filter(|_| is_before);
-                let nearness = distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
-                self.before_count += u32::from(is_before);
+                let nearness =
+                    arrived.distance_m.map_or(0.0, |distance_m| 1.0 / distance_m.max(self.nearest_m));
                 self.low_hits.add(self.plane.to_local(ray.direction), arrived.distance_m);
+                let radiance = arrived.radiance * aim.weight;
                 let radiance = if radiance.is_finite() { radiance } else { Rgb::BLACK };
-                half.add(aim.cell, radiance * aim.weight, nearness * aim.weight);
+                half.add(aim.cell, radiance, aim.weight, is_before.then_some(nearness));
             }
         }
     }
@@ -205,16 +210,18 @@ impl<'a> Gathering<'a> {
         let cells = 0..self.strata.count();
         let radiance =
             cells.clone().map(|cell| (first.radiance(cell) + second.radiance(cell)) * 0.5).collect();
-        let nearness = cells.map(|cell| {
-            (first.nearness_sum[cell] + second.nearness_sum[cell])
-                / (first.counts[cell] + second.counts[cell]) as f32
-        });
+        // Means of what rays met, which no weight takes beyond what any of them did.
+        let mean_of = |sums: fn(&Half) -> &Vec<f32>, cell: usize| {
+            (sums(first)[cell] + sums(second)[cell]) / (first.weight_sum[cell] + second.weight_sum[cell])
+        };
+        let nearness = cells.clone().map(|cell| mean_of(|half| &half.nearness_sum, cell)).collect();
+        let before: f32 = cells.clone().map(|cell| mean_of(|half| &half.before_sum, cell)).sum();
         Hemisphere {
             frame: self.frame,
             strata: self.strata,
             radiance,
-            nearness: nearness.collect(),
-            before_share: self.before_count as f32 / self.sent as f32,
+            nearness,
+            before_share: before / cells.len() as f32,
             sight: self.sight,
             horizon: self.low_hits.horizon(),
         }
@@ -225,9 +232,11 @@ impl<'a> Gathering<'a> {
     fn uneven(&self, half: &Half, noise: f32, count_max: usize) -> Vec<usize> {
         let strata = self.strata;
         let luminance: Vec<f32> = (0..strata.count()).map(|cell| half.radiance(cell).mean()).collect();
-        let all: f32 = luminance.iter().sum();
-        let spread_of = |luminance: &dyn Fn(usize) -> f32, cell: usize| {
-            let off = |other: usize| (luminance(other) - luminance(cell)).abs();
+        let met: f32 = luminance.iter().sum();
+        // Where it met nothing photons alone say where light is.
+        let all = if met > 0.0 { met } else { 1.0 };
+        let spread_of = |light: &dyn Fn(usize) -> f32, cell: usize| {
+            let off = |other: usize| (light(other) - light(cell)).abs();
             // A cell that is half one and half the other has this spread.
             0.5 * strata.beside(cell).map(off).fold(0.0, f32::max)
         };
@@ -239,7 +248,7 @@ impl<'a> Gathering<'a> {
             })
             .collect();
         let spreads: f32 = spread.iter().sum();
-        if !(all > 0.0 && spreads > 0.0) {
+        if !(spreads > 0.0) {
             return Vec::new();
         }
         // Shared out by spread, n rays know the sum to Σ spread / √n [Neyman1934].

@@ -246,10 +246,43 @@ fn photons_say_where_a_bright_spot_is() {
     let with = many_records(1_000, 400, &Hinted(spotted(), photons_from(SPOT, SPOT_RADIUS_M)));
     right(&with);
     assert!(with.variance() < 0.1 * without.variance(), "{} {}", with.variance(), without.variance());
-    for (wrong, radius_m) in
-        [(Vec3::new(-0.9, 0.2, 0.9), 0.05), (Vec3::new(0.0, -3.0, 0.0), 1.0), (Vec3::NEG_Y, 0.0)]
-    {
-        right(&many_records(4_000, 400, &Hinted(spotted(), photons_from(wrong, radius_m))));
+    // Elsewhere, beside the spot in its own cell and those around, and where nothing is told.
+    for (wrong, radius_m) in [
+        (Vec3::new(-0.9, 0.2, 0.9), 0.05),
+        (SPOT + Vec3::new(0.15, 0.0, 0.0), 0.02),
+        (SPOT - Vec3::new(0.0, 0.0, 0.12), 0.04),
+        (Vec3::NEG_Y, 0.0),
+    ] {
+        let misled = many_records(4_000, 400, &Hinted(spotted(), photons_from(wrong, radius_m)));
+        right(&misled);
+        assert!(misled.variance() < 2.0 * without.variance(), "{} {}", misled.variance(), without.variance());
+    }
+}
+
+/// Even light is as even with photons from everywhere as without, and photons from one side change no distance.
+#[test]
+fn photons_change_nothing_of_even_light() {
+    let world = room();
+    let even = Painted(|_| Rgb::WHITE);
+    let everywhere = |number: u32| {
+        let [u, v, x, z] = point(5, number);
+        let from = warp::cosine_hemisphere([u, v]);
+        let from = Vec3::new(from.x, from.z, from.y) - Vec3::Y;
+        Flight { from, to: Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2), flux_w: 1.0 }
+    };
+    let record = |arriving: &dyn ArrivingLight| record(&world, 0.2, 0.1, Vec3::Y, 800, arriving);
+    let plain = record(&even);
+    let told = record(&Hinted(Painted(|_| Rgb::WHITE), Flights::of((0..300).map(everywhere), 300).unwrap()));
+    assert!((told.irradiance.r / std::f32::consts::PI - 1.0).abs() < 1e-3, "{}", told.irradiance.r);
+    assert!(told.moving.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", told.moving);
+    let aside = record(&Hinted(even, photons_from(Vec3::new(0.99, 0.0, 0.0), 0.1)));
+    for found in [&told, &aside] {
+        assert!(
+            (found.radius_m / plain.radius_m - 1.0).abs() < 0.02,
+            "{} {}",
+            found.radius_m,
+            plain.radius_m
+        );
     }
 }
 

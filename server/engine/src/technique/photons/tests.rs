@@ -15,7 +15,7 @@ use crate::{
         Environment, Id, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
         samples::{self, Stage},
     },
-    technique::{Edit, Products, Step, Technique},
+    technique::{Edit, Flight, Products, Step, Technique},
     transport::{PathClass, World},
 };
 
@@ -35,6 +35,23 @@ fn complete(world: &World, tracing: &mut PhotonTracing) {
 
 fn emitting(emitted_count: u32) -> PhotonSettings {
     PhotonSettings { emitted_count, ..PhotonSettings::default() }
+}
+
+/// Flights are those of the photons that maps of indirect light hold, each from where its photon fell before.
+#[test]
+fn flights_end_where_maps_hold_photons() {
+    let tracing = traced(samples::cornell_box().unwrap(), emitting(20_000));
+    let flights: Vec<Flight> = tracing.paths().flights().collect();
+    assert!(flights.len() > 10_000, "{}", flights.len());
+    assert_eq!(flights.len(), tracing.product().maps.photon_count(PathClass::Indirect));
+    let ways: HashSet<[[u32; 3]; 2]> = tracing
+        .paths()
+        .each()
+        .flat_map(|(_, hits)| hits.windows(2))
+        .map(|way| [&way[0], &way[1]].map(|hit| hit.position.to_array().map(f32::to_bits)))
+        .collect();
+    let bits = |flight: &Flight| [flight.from, flight.to].map(|p| p.to_array().map(f32::to_bits));
+    assert!(flights.iter().all(|flight| ways.contains(&bits(flight)) && flight.flux_w > 0.0));
 }
 
 /// What leaves the lights is absorbed, escapes or is cut off: to float rounding nothing is lost or won.
