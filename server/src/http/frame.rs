@@ -42,6 +42,7 @@ pub(super) struct FrameQuery {
                 ("ETag" = String, description = "Revision in quotes"),
                 ("Lumicast-Samples" = u32, description = "Per pixel"),
                 ("Lumicast-Error" = f64, description = "√relMSE as a fraction, where it was measured"),
+                ("Lumicast-Error-Interval" = String, description = "The 95 % confidence interval of it: two fractions, low and high, with a comma between"),
                 ("Lumicast-Done-By" = String, description = "What ended it: error, time or samples (the server's `samples_max`)"),
                 ("Lumicast-Seconds" = f64, description = "Spent on it"))),
         (status = 400, description = "A parameter that is not known, or is none", body = ref("#/components/schemas/Problem"), content_type = "application/problem+json"),
@@ -73,10 +74,17 @@ pub(super) async fn get(
         picture.bytes,
     )
         .into_response();
-    if let Some(error) = picture.error
-        && let Ok(value) = header::HeaderValue::from_str(&format!("{error:.6}"))
-    {
-        response.headers_mut().insert("lumicast-error", value);
+    if let Some(measured) = picture.measured {
+        let [low, high] = measured.error_interval_95();
+        let of_error = [
+            ("lumicast-error", format!("{:.6}", measured.error())),
+            ("lumicast-error-interval", format!("{low:.6}, {high:.6}")),
+        ];
+        for (name, text) in of_error {
+            if let Ok(value) = header::HeaderValue::from_str(&text) {
+                response.headers_mut().insert(name, value);
+            }
+        }
     }
     Ok(response)
 }

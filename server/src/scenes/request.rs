@@ -3,7 +3,7 @@
 
 use super::{Scene, Snapshot, Workshop, lock};
 use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
-use lumicast_engine::film::{Display, PictureSize};
+use lumicast_engine::film::{Display, MeasuredError, PictureSize};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{Problem, ProblemKind};
@@ -84,8 +84,8 @@ pub struct RequestedPicture {
     pub revision: u64,
     /// Per pixel.
     pub samples: u32,
-    /// √relMSE as a fraction.
-    pub error: Option<f64>,
+    /// How good it is, where that was measured.
+    pub measured: Option<MeasuredError>,
     /// Spent on it.
     pub seconds: f64,
     /// What ended it.
@@ -244,7 +244,6 @@ impl Drawing {
         let Drawing { job, rendering, started, seed, done_by, memory: _memory, .. } = self;
         let picture = rendering.picture();
         let measured = rendering.measured_error();
-        let error = measured.map(|measured| measured.error());
         let request = &job.request;
         let shown = || Display::new(request.tone_map, request.exposure_ev).show_all(&picture.radiance());
         let seconds = started.elapsed().as_secs_f64();
@@ -257,7 +256,7 @@ impl Drawing {
                     seed,
                     samples_per_pixel: rendering.passes(),
                     technique: rendering.technique_name(&picture),
-                    error,
+                    error: measured.map(|measured| measured.error()),
                     error_ci: measured.map(|measured| measured.error_interval_95()),
                     seconds: Some(seconds),
                 };
@@ -268,7 +267,7 @@ impl Drawing {
         // Given up ones are not answered.
         let done_by = done_by.unwrap_or(DoneBy::Time);
         // Who asked may have gone in the meantime.
-        let picture = |bytes| RequestedPicture { bytes, revision, samples, error, seconds, done_by };
+        let picture = |bytes| RequestedPicture { bytes, revision, samples, measured, seconds, done_by };
         let _ = job.reply.send(bytes.map(picture));
     }
 }

@@ -128,6 +128,13 @@ async fn a_picture_can_be_asked_for() {
     ] {
         let reply = server.get(&format!("{BOX}/frame?camera=corner&size=32x32&{query}")).await;
         assert_eq!((reply.status.as_u16(), reply.header("lumicast-done-by")), (200, done_by), "{query}");
+        if done_by == "error" {
+            let numbers = |name: &str| -> Vec<f64> {
+                reply.header(name).split(", ").map(|number| number.parse().unwrap()).collect()
+            };
+            let (error, interval) = (numbers("lumicast-error"), numbers("lumicast-error-interval"));
+            assert!(interval[0] <= error[0] && error[0] <= interval[1], "{error:?} {interval:?}");
+        }
     }
     for bad in [
         "camera=nobody",
