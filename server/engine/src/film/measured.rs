@@ -104,7 +104,7 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
 /// What stands for the truth in a pixel: the mean around, unless two that know the pixel itself, independent of each other, agree that
 /// it is more than twice as bright or less than half so; then the one that says less so. A small lamp in the dark, and its edges, would
 /// else be measured by the dark, and what is dark beside light by that. (A room with sixty small lamps in its ceiling, path-traced for
-/// a second, has 21 % and read 66.)
+/// 4 s, has 9.5 %, and read 15.4 for 10.2 so.)
 pub(super) fn standing(around: [f64; 3], known: [[f64; 3]; 2]) -> [f64; 3] {
     std::array::from_fn(|c| agreed(around[c], known.map(|known| known[c])))
 }
