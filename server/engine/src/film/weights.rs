@@ -12,7 +12,7 @@
 
 use super::{
     gauged::{GaugedPixel, Shown},
-    measured::agreed,
+    measured::is_another,
 };
 
 /// Fewest pixels of a group.
@@ -166,9 +166,9 @@ impl Standing {
         let chance = PIXELS_CHANCE * found.variance.max(least * self.around * self.around);
         let by_pixel =
             if off * off > chance { self.around + off * (1.0 - chance / (off * off)) } else { self.around };
-        // Where the picture and the pixel's samples agree on another light than around, and not by chance, that counts.
-        let agreed = agreed(self.around, [self.at, found.mean]);
-        let truth = if is_evident && agreed != self.around { agreed } else { by_pixel };
+        // Where the picture agrees with the pixel's samples that it is another light than around, and not by chance, these count.
+        let is_agreed = is_evident && is_another(self.around, [self.at, found.mean]);
+        let truth = if is_agreed { found.mean } else { by_pixel };
         1.0 / (truth * truth + self.floor)
     }
 }
