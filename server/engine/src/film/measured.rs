@@ -104,7 +104,7 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
 /// What stands for the truth in a pixel: the mean around, unless two that know the pixel itself, independent of each other, agree that
 /// there is another light than around; then their mean. A small lamp in the dark, and its edges, would else be measured by the dark, and
 /// what is dark beside light by that. (A room with sixty small lamps in its ceiling, path-traced for 4 s, has 9.5 %, and read 15.4 for
-/// 10.2 so.) Not the one that says less so: the farther the two are apart, the larger their error, and the smaller what it is relative to.
+/// 10.4 so.) Not the one that says less so: the farther the two are apart, the larger their error, and the smaller what it is relative to.
 pub(super) fn standing(around: [f64; 3], known: [[f64; 3]; 2]) -> [f64; 3] {
     std::array::from_fn(|c| {
         let known = known.map(|known| known[c]);
