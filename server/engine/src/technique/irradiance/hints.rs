@@ -13,12 +13,11 @@ use super::Strata;
 use crate::{math::Frame, technique::Flights};
 
 /// Photons that are asked. With half as many a spot that they tell of leaves a record a third more noise (three narrow lamps in a room
-/// 16.4 % for 12.3; 23 without hints); with twice as many, even light is taken for uneven more often.
+/// 16.4 % for 12.3; 23 without hints); with twice as many Sibenik, where light is even, sends a tenth more rays for nothing.
 const PHOTONS: NonZeroUsize = NonZeroUsize::new(192).unwrap();
 /// Each counts in a byte.
 const _: () = assert!(PHOTONS.get() <= u8::MAX as usize);
-/// Photons of a cell that say where in it light comes from: of even light no cell has as many, and none of its rays counts for more than
-/// another.
+/// Photons of a cell that say where in it light comes from: of even light one hemisphere in twenty-five has a cell with as many.
 const TELLING: u32 = 8;
 /// Parts of a cell along either side.
 const PARTS: usize = 4;
@@ -76,26 +75,24 @@ impl Hints {
         }
         // One photon more in each part than there are: none is left out.
         let sums = parts.map(|row| row.iter().map(|count| f32::from(*count) + 1.0).sum::<f32>());
-        let (row, x, _) = draw(sums, even.x);
-        let (column, y, chance) = draw(parts[row].map(|count| f32::from(count) + 1.0), even.y);
-        let all: f32 = sums.iter().sum();
-        let chance = chance * sums[row] / all;
-        let parts = PARTS as f32;
-        (Vec2::new(row as f32 + x, column as f32 + y) / parts, 1.0 / (chance * parts * parts))
+        let (row, x) = draw(sums, even.x);
+        let in_row = parts[row].map(|count| f32::from(count) + 1.0);
+        let (column, y) = draw(in_row, even.y);
+        let even_share = sums.iter().sum::<f32>() / (PARTS * PARTS) as f32;
+        (Vec2::new(row as f32 + x, column as f32 + y) / PARTS as f32, even_share / in_row[column])
     }
 }
 
-/// One of some, as likely as they are large; where in it, from 0 to 1; and its chance.
-fn draw(sizes: [f32; PARTS], even: f32) -> (usize, f32, f32) {
-    let all: f32 = sizes.iter().sum();
-    let mut left = even * all;
+/// One of some, as likely as they are large, and where in it, from 0 to 1.
+fn draw(sizes: [f32; PARTS], even: f32) -> (usize, f32) {
+    let mut left = even * sizes.iter().sum::<f32>();
     for (index, size) in sizes.iter().enumerate() {
         if left < *size {
-            return (index, left / size, size / all);
+            return (index, left / size);
         }
         left -= size;
     }
-    (PARTS - 1, 1.0, sizes[PARTS - 1] / all)
+    (PARTS - 1, 1.0)
 }
 
 #[cfg(test)]
