@@ -50,7 +50,7 @@ impl Rendering {
         });
         let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
         let image = self.own_picture().radiance();
-        afresh.repeat(measuring, (&self.world, &self.view), (&self.film, &image));
+        afresh.repeat(measuring, (&self.world, &self.view, self.technique.guide()), (&self.film, &image));
         afresh.error_of(&self.picture(), &self.film)
     }
 
@@ -142,7 +142,8 @@ impl Rendering {
         #[cfg(feature = "gpu")]
         let start = std::time::Instant::now();
         let Some(measuring) = &mut self.measuring else { return };
-        let counts = measuring.keep_up((&self.world, &self.view), &self.film, spent, cancel);
+        let counts =
+            measuring.keep_up((&self.world, &self.view, self.technique.guide()), &self.film, spent, cancel);
         self.counts += counts;
         #[cfg(feature = "gpu")]
         self.note_cpu_work(counts.all_rays(), start);

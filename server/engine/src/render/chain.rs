@@ -14,7 +14,7 @@ use crate::{
     film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at, wants_more_pixels},
     math::Rgb,
     technique::{
-        Counts, View,
+        Counts, Guide, View,
         path::{Gauge, PathSettings},
     },
     transport::{PathClass, World},
@@ -219,7 +219,7 @@ impl Measuring {
     /// - `film`: of looked-up light
     pub(super) fn keep_up(
         &mut self,
-        (world, view): (&World, &View),
+        (world, view, guide): (&World, &View, Option<&Guide>),
         film: &Film,
         rays_spent: u64,
         cancel: &AtomicBool,
@@ -243,7 +243,7 @@ impl Measuring {
             }
             let maps = self.hidden.as_ref().map_or([None, None], HiddenHalves::maps);
             let expected = &self.expected.1;
-            let counts = self.gauge.step((world, view), self.samples_enough, expected, maps, cancel);
+            let counts = self.gauge.step((world, view), self.samples_enough, expected, maps, guide, cancel);
             if counts == Counts::default() {
                 return all;
             }
@@ -260,7 +260,7 @@ impl Measuring {
     pub(super) fn repeat(
         &mut self,
         other: &Measuring,
-        (world, view): (&World, &View),
+        of: (&World, &View, Option<&Guide>),
         (film, image): (&Film, &[Rgb]),
     ) {
         let never = AtomicBool::new(false);
@@ -268,7 +268,7 @@ impl Measuring {
         while self.rays < other.rays {
             let next = (self.rays as f64 * (1.0 + DECIDED_GROWTH)) as u64 + 1;
             self.granted = next.min(other.rays);
-            if self.keep_up((world, view), film, 0, &never) == Counts::default() {
+            if self.keep_up(of, film, 0, &never) == Counts::default() {
                 break;
             }
             self.choose_pixels_or_samples(image, film.size());

@@ -363,7 +363,7 @@ impl Illumination {
         IlluminationReport {
             photons_emitted: paths.path_count(),
             photons_stored: paths.hit_count(),
-            photon_bytes: paths.bytes() + self.photons.product().maps.bytes(),
+            photon_bytes: paths.bytes() + self.photons.product().bytes(),
             ..self.report
         }
     }

@@ -22,7 +22,7 @@ use crate::{
     math::Rgb,
     scene::CameraView,
     technique::{
-        Counts, Dimmed, Edit, Flights, Products, SecondaryLight, Step, Technique,
+        Counts, Dimmed, Edit, Products, SecondaryLight, Step, Technique,
         irradiance::IrradianceCaching,
         path::{PathSettings, PathTracer},
         photons::ProbeCounts,
@@ -366,9 +366,7 @@ impl Learner {
         self.gathered_from = illumination.generation();
         let known = illumination.known().cloned();
         let (tracer, base) = tracer_of_records(&self.settings, known);
-        let paths = illumination.photons().paths();
-        let flights = Flights::of(paths.flights(), paths.flights().count());
-        let tracer = tracer.hinting(flights.map(Arc::new));
+        let tracer = tracer.guided_by(base.clone());
         #[cfg(feature = "gpu")]
         let arriving: Arc<dyn ArrivingLight> = match &self.gatherer {
             Some(gatherer) => Arc::new(ArrivingByGpu::new(tracer, Arc::clone(gatherer))),

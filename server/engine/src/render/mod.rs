@@ -325,7 +325,8 @@ impl Rendering {
         }
         let progress = self.trace_on_gpu(&mut products, cancel).unwrap_or_else(|| {
             let film = self.traced.get_or_insert_with(|| Film::new(size));
-            let mut technique = PathTracer::new(beside(&self.settings));
+            let known = self.technique.secondary().cloned();
+            let mut technique = PathTracer::new(beside(&self.settings)).guided_by(known);
             let progress = step_on(&mut technique, (&self.world, &self.view), film, &mut products, cancel);
             self.traced_rays += progress.counts.all_rays();
             progress

@@ -28,7 +28,7 @@ use crate::{
     film::PictureSize,
     math::Frame,
     scene::CameraView,
-    technique::{Edit, Flights, Progress, Step, Technique, TouchedBoxes, renamed_instances},
+    technique::{Edit, Progress, Step, Technique, TouchedBoxes, renamed_instances},
     transport::World,
 };
 
@@ -331,10 +331,9 @@ impl IrradianceCaching {
         self.places.iter().map(|place| &place.seen.point)
     }
 
-    /// Memory of records, where they are, what their rays saw and what photons say of their light.
+    /// Memory of records, where they are and what their rays saw.
     pub fn bytes(&self) -> usize {
-        let hints = self.arriving.flights().map_or(0, Flights::bytes);
-        self.cache.bytes() + self.places.len() * size_of::<Place>() + hints
+        self.cache.bytes() + self.places.len() * size_of::<Place>()
     }
 
     /// How often light was gathered so far, for records that are there and for others.

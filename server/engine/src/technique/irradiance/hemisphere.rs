@@ -22,7 +22,7 @@ use super::{
 use crate::{
     accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
-    technique::{Arrived, ArrivingLight, Counts, Flights, GatherRay},
+    technique::{Arrived, ArrivingLight, Counts, GatherRay, Guide},
     transport::World,
 };
 
@@ -120,7 +120,7 @@ impl<'a> Gathering<'a> {
         seen: &'a Seen,
         settings: &IrradianceSettings,
         visit: u32,
-        flights: Option<&Flights>,
+        guide: Option<&Guide>,
     ) -> Gathering<'a> {
         let Seen { point, facing, .. } = seen;
         let (strata, frame) = (settings.strata(), Frame::around(facing.normal));
@@ -133,7 +133,9 @@ impl<'a> Gathering<'a> {
             plane: Frame::around(facing.n_geo),
             frame,
             strata,
-            hints: flights.map(|flights| Hints::of(flights, point.position, &frame, strata)),
+            hints: guide
+                .and_then(|guide| guide.at(point.position, frame.n))
+                .map(|guidance| Hints::of(&guidance, point.position, &frame, strata)),
             key,
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,
@@ -290,7 +292,7 @@ impl Hemisphere {
     ) -> Option<Vec<Hemisphere>> {
         let mut all: Vec<Gathering<'_>> = points
             .par_iter()
-            .map(|seen| Gathering::new(world, seen, settings, visit, arriving.flights()))
+            .map(|seen| Gathering::new(world, seen, settings, visit, arriving.guide()))
             .collect();
         for is_last in [false, true] {
             let mut end = 0;

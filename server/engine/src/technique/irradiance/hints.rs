@@ -5,18 +5,11 @@
 //! of light that few of a few hundred even rays meet is looked at many times, and what is found stays unbiased whatever the photons
 //! say.
 
-use std::num::NonZeroUsize;
-
 use glam::{Vec2, Vec3};
 
 use super::Strata;
-use crate::{math::Frame, technique::Flights};
+use crate::{math::Frame, technique::Guidance};
 
-/// Photons that are asked. With half as many a spot that they tell of leaves a record a third more noise (three narrow lamps in a room
-/// 16.4 % for 12.3; 23 without hints); with twice as many Sibenik, where light is even, sends a tenth more rays for nothing.
-const PHOTONS: NonZeroUsize = NonZeroUsize::new(192).unwrap();
-/// Each counts in a byte.
-const _: () = assert!(PHOTONS.get() <= u8::MAX as usize);
 /// Photons of a cell that say where in it light comes from: of even light one hemisphere in twenty-five has a cell with as many.
 const TELLING: u32 = 8;
 /// Parts of a cell along either side.
@@ -32,27 +25,27 @@ pub(super) struct Hints {
 struct Cell {
     /// Of the flux of all photons.
     share: f32,
-    /// Photons by parts of the cell, `[outwards][around]`.
+    /// Photons by parts of the cell, `[outwards][around]`; beyond a byte more make no difference.
     parts: [[u8; PARTS]; PARTS],
     count: u32,
 }
 
 impl Hints {
-    /// By photons that fell near `p`.
+    /// By photons that fell about `p`.
     ///
     /// - `frame`: of the hemisphere
-    pub(super) fn of(flights: &Flights, p: Vec3, frame: &Frame, strata: Strata) -> Hints {
+    pub(super) fn of(guidance: &Guidance<'_>, p: Vec3, frame: &Frame, strata: Strata) -> Hints {
         let mut cells = vec![Cell::default(); strata.count()];
         let mut all = 0.0;
-        for (from, flux_w) in flights.ended_near(p, PHOTONS) {
-            let direction = frame.to_local(from - p).normalize_or_zero();
+        for (from, flux_w) in guidance.flights() {
+            let direction = frame.to_local(*from - p).normalize_or_zero();
             if direction.z <= 0.0 {
                 continue;
             }
             let (cell, place) = strata.cell_of(direction);
             let cell = &mut cells[cell];
             let [row, column] = (place * PARTS as f32).to_array().map(|at| (at as usize).min(PARTS - 1));
-            cell.parts[row][column] += 1;
+            cell.parts[row][column] = cell.parts[row][column].saturating_add(1);
             cell.count += 1;
             cell.share += flux_w;
             all += flux_w;
@@ -98,7 +91,7 @@ fn draw(sizes: [f32; PARTS], even: f32) -> (usize, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::technique::Flight;
+    use crate::technique::samples_of_guides::guide_of;
 
     /// Weights of rays through a cell have the mean of one, over each part of it as over the whole, wherever photons came from.
     #[test]
@@ -106,16 +99,14 @@ mod tests {
         let strata = Strata { rings: 6, sectors: 19 };
         let frame = Frame { t: Vec3::X, b: Vec3::Y, n: Vec3::Z };
         let through = strata.direction(40, Vec2::new(0.9, 0.1));
-        let flight = |number: usize| Flight {
-            from: if number.is_multiple_of(3) {
-                strata.direction(41 + number % 7, Vec2::splat(0.5))
-            } else {
-                through
-            },
-            to: Vec3::new(1e-3 * number as f32, 0.0, 0.0),
-            flux_w: 2.0,
+        let photon = |number: usize| {
+            let elsewhere = strata.direction(41 + number % 7, Vec2::splat(0.5));
+            let from = if number.is_multiple_of(3) { elsewhere } else { through };
+            (Vec3::new(1e-3 * number as f32, 0.0, 0.0), from)
         };
-        let hints = Hints::of(&Flights::of((0..96).map(flight), 96).unwrap(), Vec3::ZERO, &frame, strata);
+        let guide = guide_of(Vec3::Z, (0..96).map(photon));
+        let guidance = guide.at(Vec3::ZERO, Vec3::Z).unwrap();
+        let hints = Hints::of(&guidance, Vec3::ZERO, &frame, strata);
         // 64 of 96, less a quarter for chance.
         assert!((hints.share(40) - 0.5).abs() < 1e-6 && hints.share(70) == 0.0);
         for cell in [40, 42, 70] {

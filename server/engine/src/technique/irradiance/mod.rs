@@ -38,7 +38,8 @@ pub use self::{
 
 use self::{index::Index, splat::Splats, strata::Strata};
 use super::{
-    ArrivingLight, Bias, Card, Counts, PackedRecords, ScatteredLight, ScreenLight, SecondaryLight, View,
+    ArrivingLight, Bias, Card, Counts, Guide, PackedRecords, ScatteredLight, ScreenLight, SecondaryLight,
+    View,
 };
 use crate::{
     math::Rgb,
@@ -277,6 +278,10 @@ impl SecondaryLight for IrradianceCache {
 
     fn packed_records(&self) -> Option<PackedRecords> {
         Some(self.pack_records())
+    }
+
+    fn guide(&self) -> Option<&Guide> {
+        self.base.as_ref()?.guide()
     }
 
     fn has_records(&self) -> bool {

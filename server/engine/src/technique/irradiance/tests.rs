@@ -17,7 +17,7 @@ use crate::{
     },
     scene::Material,
     scene::samples,
-    technique::{Flight, Flights},
+    technique::{Guide, samples_of_guides::guide_of},
     transport::World,
 };
 
@@ -204,7 +204,7 @@ fn a_bright_spot_counts_for_what_it_is() {
 
 /// Light with what photons say of it.
 #[derive(Debug)]
-struct Hinted<A>(A, Flights);
+struct Hinted<A>(A, Guide);
 
 impl<A: ArrivingLight> ArrivingLight for Hinted<A> {
     fn radiance(
@@ -218,19 +218,20 @@ impl<A: ArrivingLight> ArrivingLight for Hinted<A> {
         self.0.radiance(world, ray, met, sampler, counts)
     }
 
-    fn flights(&self) -> Option<&Flights> {
+    fn guide(&self) -> Option<&Guide> {
         Some(&self.1)
     }
 }
 
 /// Photons that fell around the middle of the floor, from within a distance of `from`.
-fn photons_from(from: Vec3, radius_m: f32) -> Flights {
-    let flight = |number: u32| {
+fn photons_from(from: Vec3, radius_m: f32) -> Guide {
+    let photon = |number: u32| {
         let [u, v, x, z] = point(17, number);
         let around = Vec3::new(2.0 * u - 1.0, 0.0, 2.0 * v - 1.0) * radius_m;
-        Flight { from: from + around, to: Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2), flux_w: 1.0 }
+        let to = Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2);
+        (to, from + around)
     };
-    Flights::of((0..300).map(flight), 300).unwrap()
+    guide_of(Vec3::Y, (0..250).map(photon))
 }
 
 /// Of a spot that photons tell of, records have a fraction of the noise. Whatever photons say, the mean is the truth, also where
@@ -267,12 +268,11 @@ fn photons_change_nothing_of_even_light() {
     let everywhere = |number: u32| {
         let [u, v, x, z] = point(5, number);
         let from = warp::cosine_hemisphere([u, v]);
-        let from = Vec3::new(from.x, from.z, from.y) - Vec3::Y;
-        Flight { from, to: Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2), flux_w: 1.0 }
+        (Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2), Vec3::new(from.x, from.z, from.y) - Vec3::Y)
     };
     let record = |arriving: &dyn ArrivingLight| record(&world, 0.2, 0.1, Vec3::Y, 800, arriving);
     let plain = record(&even);
-    let told = record(&Hinted(Painted(|_| Rgb::WHITE), Flights::of((0..300).map(everywhere), 300).unwrap()));
+    let told = record(&Hinted(Painted(|_| Rgb::WHITE), guide_of(Vec3::Y, (0..250).map(everywhere))));
     assert!((told.irradiance.r / std::f32::consts::PI - 1.0).abs() < 1e-3, "{}", told.irradiance.r);
     assert!(told.moving.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", told.moving);
     let aside = record(&Hinted(even, photons_from(Vec3::new(0.99, 0.0, 0.0), 0.1)));

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     math::Rgb,
-    technique::{Card, LIKE_COS, LitFrom, PackedLight, ScatteredLight, SecondaryLight},
+    technique::{Card, Guide, LIKE_COS, LitFrom, PackedLight, ScatteredLight, SecondaryLight},
     transport::{Bsdf, Surface},
 };
 
@@ -152,6 +152,10 @@ impl SecondaryLight for LightOctree {
 
     fn has_caustics(&self) -> bool {
         self.has_caustics
+    }
+
+    fn guide(&self) -> Option<&Guide> {
+        self.photons.guide()
     }
 
     fn packed(&self) -> Option<PackedLight> {

@@ -3,7 +3,8 @@
 use glam::Vec3;
 
 use super::{
-    FirstSight, FocusedLight, PathSettings, ScatteredLight, ScreenLight, SecondaryLight, Tally, View,
+    FirstSight, FocusedLight, Guidance, Guide, PathSettings, ScatteredLight, ScreenLight, SecondaryLight,
+    Tally, View, guided,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -47,6 +48,8 @@ pub(super) struct Tracer<'a> {
     /// What answers for caustics in its place; where all paths are traced, for those that cannot be found alone.
     pub(super) caustics: Option<&'a dyn FocusedLight>,
     pub(super) near: Near,
+    /// What photons say of where light comes from, where all paths are traced.
+    pub(super) guide: Option<&'a Guide>,
 }
 
 /// What is done about the blur of what is known of light, which hides what lies nearer.
@@ -90,6 +93,8 @@ struct Path<'a> {
     bounce: u32,
     /// Product of squared relative indices of the boundaries passed; see [`crate::transport::BsdfSample::eta_squared`].
     eta_squared: f32,
+    /// Product of how much likelier guidance made its directions.
+    guided: f32,
     /// The last surface scattered with a density there: what light sampling there competes with.
     last: Option<LastVertex>,
     /// What the ray crosses; `None` in air and clear glass.
@@ -161,6 +166,7 @@ impl Tracer<'_> {
             class: PathClass::Emitted,
             bounce: 0,
             eta_squared: 1.0,
+            guided: 1.0,
             last: None,
             medium: None,
             lost_m: 0.0,
@@ -262,7 +268,8 @@ impl Tracer<'_> {
             // What the diffuse lobe sends is known here.
             (true, false) => Followed::Specular,
         };
-        self.add_light_sample(path, &surface, followed, sample, tally);
+        let guidance = self.guidance(path, &surface);
+        self.add_light_sample(path, &surface, (followed, guidance.as_ref()), sample, tally);
         if let Some(known) = known {
             // Beyond a near surface the path stays so, whatever it meets.
             path.is_near = is_near || is_beyond_near;
@@ -275,7 +282,7 @@ impl Tracer<'_> {
             sample.radiance[class_of_caustic as usize] += path.throughput * known.caustic;
         }
         let is_gathering = self.gather_focused(path, &surface, sample);
-        if !self.scatter(path, &surface, followed) {
+        if !self.scatter(path, &surface, (followed, guidance.as_ref())) {
             return false;
         }
         let goes_on = path.is_by_mirrors && (is_gathering || path.since_gathered > 0);
@@ -325,11 +332,12 @@ impl Tracer<'_> {
     /// Light sampling: one light, each lobe weighed by itself.
     ///
     /// - `followed`: the rays that go on from here, which light sampling competes with
+    /// - `guidance`: what they are drawn by
     fn add_light_sample(
         &self,
         path: &Path<'_>,
         surface: &Surface,
-        followed: Followed,
+        (followed, guidance): (Followed, Option<&Guidance<'_>>),
         sample: &mut PixelSample,
         tally: &mut impl Tally,
     ) {
@@ -346,7 +354,10 @@ impl Tracer<'_> {
             return;
         };
         let wo = -path.ray.direction;
-        let value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
+        let mut value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
+        if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
+            value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
+        }
         if value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black() {
             return;
         }
@@ -472,12 +483,26 @@ impl Tracer<'_> {
         self.settings.asks && path.since_gathered >= scatterings
     }
 
+    /// Where light comes from at a surface that scatters it diffusely, if photons say so.
+    fn guidance(&self, path: &Path<'_>, surface: &Surface) -> Option<Guidance<'_>> {
+        let guide = self.guide.filter(|_| surface.bsdf.has_diffuse())?;
+        let n = surface.frame.n;
+        guide.at(surface.point.position, if path.ray.direction.dot(n) > 0.0 { -n } else { n })
+    }
+
     /// Draws where the path goes on. False when it ends here.
-    fn scatter(&self, path: &mut Path<'_>, surface: &Surface, followed: Followed) -> bool {
+    fn scatter(
+        &self,
+        path: &mut Path<'_>,
+        surface: &Surface,
+        (followed, guidance): (Followed, Option<&Guidance<'_>>),
+    ) -> bool {
         let [lobe, u, v, survival] = path.sampler.four(1 + 2 * path.bounce);
         let wo = -path.ray.direction;
         let wo_local = surface.frame.to_local(wo);
-        let Some(drawn) = surface.bsdf.sample(wo_local, [lobe, u, v]) else { return false };
+        let Some((drawn, ratio)) = guided::sample(surface, guidance, wo_local, [lobe, u, v]) else {
+            return false;
+        };
         let wi = surface.frame.to_world(drawn.wi);
         let class = path.class.after(drawn.scatter);
         let is_wanted = match followed {
@@ -495,6 +520,7 @@ impl Tracer<'_> {
             path.lost_m = 0.0;
         }
         path.throughput *= drawn.weight;
+        path.guided *= ratio;
         path.eta_squared *= drawn.eta_squared;
         path.class = class;
         path.bounce += 1;
@@ -545,7 +571,7 @@ impl Path<'_> {
             return true;
         }
         // The scale of radiance inside glass comes back on the way out: it says nothing of what the path carries.
-        let carried = self.throughput.max_component() * self.eta_squared;
+        let carried = self.throughput.max_component() * self.eta_squared * self.guided;
         let survival = carried.sqrt().sqrt().min(SURVIVAL_MAX);
         if u >= survival {
             return false;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 
 use super::{
-    Counts, FocusedLight, PathSettings, Tracer, View,
+    Counts, FocusedLight, Guide, PathSettings, Tracer, View,
     cpu::{Near, primary_ray},
 };
 use crate::{
@@ -89,12 +89,14 @@ impl Gauge {
     /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected, or
     ///   nothing. Whatever it says, the measure stays unbiased.
     /// - `hidden`: what path tracing cannot find, for either half
+    /// - `guide`: what photons say of where light comes from, right or wrong
     pub fn step(
         &mut self,
         (world, view): (&World, &View),
         samples_enough: u32,
         expected: &[f32],
         hidden: [Option<&dyn FocusedLight>; 2],
+        guide: Option<&Guide>,
         cancel: &AtomicBool,
     ) -> Counts {
         if cancel.load(Ordering::Relaxed) {
@@ -118,6 +120,7 @@ impl Gauge {
             screen: None,
             caustics,
             near: Near::Blurred,
+            guide,
         });
         let width = self.size.width();
         let set = &mut self.sets[index];
@@ -373,7 +376,7 @@ mod tests {
         let mut gauge = Gauge::new(PathSettings::all(None, 0), size);
         let never = AtomicBool::new(false);
         (0..8).for_each(|_| {
-            gauge.step((&world, &view), 16, &[], [None, None], &never);
+            gauge.step((&world, &view), 16, &[], [None, None], None, &never);
         });
         let pixels = gauge.pixels();
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));

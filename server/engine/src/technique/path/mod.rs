@@ -23,6 +23,7 @@ mod cpu;
 mod gauge;
 #[cfg(feature = "gpu")]
 mod gpu;
+mod guided;
 #[cfg(test)]
 mod tests;
 mod view;
@@ -41,8 +42,8 @@ pub use gpu::{
 pub use view::{Lookout, View};
 
 use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, Flights, FocusedLight, Progress, ScatteredLight,
-    ScreenLight, SecondaryLight, Step, Technique,
+    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Guidance, Guide, Progress,
+    ScatteredLight, ScreenLight, SecondaryLight, Step, Technique,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -99,7 +100,8 @@ pub struct PathTracer {
     secondary: Option<Arc<dyn SecondaryLight>>,
     /// The same for the view that was last drawn, where it can be laid out for it.
     screen: Option<(View, Option<Arc<dyn ScreenLight>>)>,
-    flights: Option<Arc<Flights>>,
+    /// What knows where light comes from, for those that it does not ask.
+    guided_by: Option<Arc<dyn SecondaryLight>>,
 }
 
 static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::Unbiased };
@@ -107,7 +109,7 @@ static CARD: Card = Card { name: "path", classes: &PathClass::ALL, bias: Bias::U
 impl PathTracer {
     /// A path tracer.
     pub fn new(settings: PathSettings) -> PathTracer {
-        PathTracer { settings, secondary: None, screen: None, flights: None }
+        PathTracer { settings, secondary: None, screen: None, guided_by: None }
     }
 
     /// A tracer of light seen directly and direct light that asks `secondary` for the rest at the first diffuse surface.
@@ -115,9 +117,10 @@ impl PathTracer {
         PathTracer { secondary: Some(secondary), ..PathTracer::new(settings.asking()) }
     }
 
-    /// Tells those who gather light along its rays where much of it comes from.
-    pub fn hinting(self, flights: Option<Arc<Flights>>) -> PathTracer {
-        PathTracer { flights, ..self }
+    /// Lets those photons say where light comes from that `known` was made of: less noise, and no other light. Else those of what it asks
+    /// do, as far as it asks.
+    pub fn guided_by(self, known: Option<Arc<dyn SecondaryLight>>) -> PathTracer {
+        PathTracer { guided_by: known, ..self }
     }
 
     /// It asks others for light that comes by way of other surfaces.
@@ -128,6 +131,16 @@ impl PathTracer {
     /// What answers where it asks.
     pub fn secondary(&self) -> Option<&Arc<dyn SecondaryLight>> {
         self.secondary.as_ref()
+    }
+
+    /// What is known of where light comes from.
+    pub fn guide(&self) -> Option<&Guide> {
+        self.guided_by.as_ref().or(self.secondary.as_ref())?.guide()
+    }
+
+    /// The same for its own paths: where others are asked for what comes by way of other surfaces, light sampling finds the rest.
+    fn guide_of_paths(&self) -> Option<&Guide> {
+        if self.settings.asks { None } else { self.guide() }
     }
 
     /// Seconds that laying known light out over pictures took so far, of all threads.
@@ -166,6 +179,7 @@ impl Technique for PathTracer {
             screen: self.screen.as_ref().and_then(|(_, light)| light.as_deref()),
             caustics: step.products.caustics.as_deref(),
             near: Near::Shadowed,
+            guide: self.guide_of_paths(),
         };
         let film = &mut *canvas.film;
         let width = film.size().width();
@@ -212,14 +226,15 @@ impl ArrivingLight for PathTracer {
             screen: None,
             caustics: None,
             near: Near::LookedPast,
+            guide: self.guide_of_paths(),
         };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
         scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
     }
 
-    fn flights(&self) -> Option<&Flights> {
-        self.flights.as_deref()
+    fn guide(&self) -> Option<&Guide> {
+        PathTracer::guide(self)
     }
 }
 
@@ -280,6 +295,7 @@ pub fn rays_of_a_pass(
         screen: None,
         caustics: None,
         near: Near::Blurred,
+        guide: None,
     };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();

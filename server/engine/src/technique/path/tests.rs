@@ -1,5 +1,6 @@
 //! Laws of the path tracer [techniques.md, numerical laws].
 
+mod guided;
 mod known;
 
 use std::sync::{Arc, atomic::AtomicBool};

@@ -41,12 +41,12 @@ use self::{
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
-    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, Flight, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
     SentPhoton, Step, Surfaces, Technique, TriangleSide,
 };
 use crate::{
     accel::Accel,
-    transport::{Source, World},
+    transport::{PathClass, Source, World},
 };
 
 /// Parameters of photon tracing.
@@ -280,19 +280,21 @@ impl PhotonTracing {
     /// Makes maps of what is traced.
     fn map(&mut self, accel: &Accel) {
         let before = self.product.clone();
+        let normal_of = |place: TriangleSide| {
+            let placed = &accel.instances()[place.instance as usize];
+            let n_geo = placed.surface_point(place.triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
+            if place.is_front { n_geo } else { -n_geo }
+        };
         let maps = {
             let stale = &self.stale;
-            let normal_of = |place: TriangleSide| {
-                let placed = &accel.instances()[place.instance as usize];
-                let n_geo = placed.surface_point(place.triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
-                if place.is_front { n_geo } else { -n_geo }
-            };
             PhotonMaps::of(self.paths.mapped(), self.surfaces.clone(), normal_of, |class, side| {
                 stale.keeps(class, side).then(|| stale.map_before(&before.maps, class, side))
             })
         };
         let changed = self.stale.take_changed();
-        self.product = Arc::new(PhotonProduct { maps, generation: before.generation + 1, changed });
+        let count = maps.photon_count(PathClass::Indirect);
+        let flights = Flight::some_of(self.paths.flights(normal_of), count);
+        self.product = Arc::new(PhotonProduct::new(maps, before.generation + 1, changed, flights));
     }
 }
 

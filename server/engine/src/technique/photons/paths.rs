@@ -422,16 +422,19 @@ impl PhotonPaths {
     }
 
     /// The last flights of all photons that maps of indirect light hold, in order.
-    pub fn flights(&self) -> impl Iterator<Item = Flight> {
-        self.each_block().flat_map(|(flux_w, block)| {
+    ///
+    /// - `normal_of`: unit normal of a triangle on a side of it
+    pub fn flights(&self, normal_of: impl Fn(TriangleSide) -> Vec3) -> impl Iterator<Item = Flight> {
+        let ways = self.each_block().flat_map(|(flux_w, block)| {
             let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
-            let indirect = ways.filter(|way| way[1].is_on_diffuse() && way[1].class() == PathClass::Indirect);
-            indirect.map(move |way| Flight {
-                from: way[0].position,
-                to: way[1].position,
-                flux_w: way[1].weight.mean() * flux_w,
-            })
-        })
+            ways.map(move |way| (flux_w, &way[0], &way[1]))
+        });
+        ways.filter(|(.., hit)| hit.is_on_diffuse() && hit.class() == PathClass::Indirect).filter_map(
+            move |(flux_w, before, hit)| {
+                let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
+                Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w })
+            },
+        )
     }
 
     /// Every hit with its flux, W, in order.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{UVec2, Vec3};
 
-use super::{Card, FirstSight, LitFrom, ScatteredLight, ScreenLight, SecondaryLight, View};
+use super::{Card, FirstSight, Guide, LitFrom, ScatteredLight, ScreenLight, SecondaryLight, View};
 use crate::{math::Rgb, transport::Surface};
 
 /// Light times the same everywhere, channel by channel: exact, since light is linear in its sources. For the moment until it is known of the
@@ -51,6 +51,10 @@ impl SecondaryLight for Dimmed {
 
     fn places(&self) -> Vec<Vec3> {
         self.light.places()
+    }
+
+    fn guide(&self) -> Option<&Guide> {
+        self.light.guide()
     }
 
     fn has_caustics(&self) -> bool {

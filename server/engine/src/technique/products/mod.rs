@@ -4,8 +4,8 @@ mod carried;
 mod crease;
 mod dimmed;
 mod extent;
-mod flights;
 mod gather;
+mod guide;
 mod map;
 mod packed;
 mod patch;
@@ -16,7 +16,7 @@ mod walls;
 use std::{
     collections::HashMap,
     fmt,
-    sync::{Arc, atomic::AtomicBool},
+    sync::{Arc, OnceLock, atomic::AtomicBool},
 };
 
 use glam::{UVec2, Vec3};
@@ -28,8 +28,8 @@ pub use self::{
     },
     crease::CREASE_ANGLE_RAD,
     dimmed::Dimmed,
-    flights::{Flight, Flights},
     gather::{Gather, GatherBounds, GatheredPhoton},
+    guide::{Flight, GUIDED_SHARE, Guidance, Guide},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
     packed::{
         GpuLightSet, GpuOctreeHeader, GpuPhoton, GpuRecord, LIKE_COS, PackedLight, PackedPhotons,
@@ -40,6 +40,9 @@ pub use self::{
     touched::{Touched, TouchedBoxes, renamed_instances},
     walls::{WallSearch, Walls},
 };
+
+#[cfg(test)]
+pub(in crate::technique) use self::guide::samples_of_guides;
 
 use super::{Card, Counts, View};
 use crate::{
@@ -111,6 +114,11 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
 
     /// Records of irradiance for look-ups on a graphics card; `None` of what has none.
     fn packed_records(&self) -> Option<PackedRecords> {
+        None
+    }
+
+    /// Where light comes from, for paths that look for it; `None` where that is not known.
+    fn guide(&self) -> Option<&Guide> {
         None
     }
 
@@ -204,7 +212,7 @@ pub trait ArrivingLight: fmt::Debug + Send + Sync {
     ) -> Rgb;
 
     /// Where much of it comes from, as far as that is known: hints that have no say in what it is.
-    fn flights(&self) -> Option<&Flights> {
+    fn guide(&self) -> Option<&Guide> {
         None
     }
 
@@ -233,7 +241,7 @@ pub trait ArrivingLight: fmt::Debug + Send + Sync {
 }
 
 /// Photon maps with what changed since the last ones.
-#[derive(Clone, Debug, Default)]
+#[derive(Debug, Default)]
 pub struct PhotonProduct {
     /// The maps.
     pub maps: PhotonMaps,
@@ -241,6 +249,40 @@ pub struct PhotonProduct {
     pub generation: u64,
     /// Where photons came or went since the generation before; `None`: anywhere.
     pub changed: Option<ChangedPhotons>,
+    /// Some of those of indirect light.
+    flights: Vec<Flight>,
+    guide: OnceLock<Option<Guide>>,
+}
+
+impl PhotonProduct {
+    /// What a technique made.
+    ///
+    /// - `flights`: of photons of indirect light; see [`Flight::some_of`]
+    pub fn new(
+        maps: PhotonMaps,
+        generation: u64,
+        changed: Option<ChangedPhotons>,
+        flights: Vec<Flight>,
+    ) -> PhotonProduct {
+        PhotonProduct { maps, generation, changed, flights, guide: OnceLock::new() }
+    }
+
+    /// Memory.
+    pub fn bytes(&self) -> usize {
+        let guide = self.guide.get().and_then(Option::as_ref).map_or(0, Guide::bytes);
+        self.maps.bytes() + self.flights.len() * size_of::<Flight>() + guide
+    }
+
+    /// Some flights of photons of indirect light.
+    pub fn flights(&self) -> &[Flight] {
+        &self.flights
+    }
+
+    /// What the photons say of where light comes from; `None` without photons of indirect light. Whoever asks first waits some 20 ms.
+    pub fn guide(&self) -> Option<&Guide> {
+        // On the one thread that asks: sharing the work out could hand it another's question for the same.
+        self.guide.get_or_init(|| Guide::of(self.flights.clone())).as_ref()
+    }
 }
 
 /// Places of photons that came or went, by class as in [`MAPPED`], and by the side they lie on.

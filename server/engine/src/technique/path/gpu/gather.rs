@@ -24,7 +24,7 @@ use crate::{
     film::PictureSize,
     gpu::GpuError,
     math::{Frame, Rgb, sobol::PixelSampler, warp},
-    technique::{Arrived, ArrivingLight, Counts, Flights, GatherRay},
+    technique::{Arrived, ArrivingLight, Counts, GatherRay, Guide},
     transport::{PathClass, World},
 };
 
@@ -231,8 +231,8 @@ impl ArrivingLight for ArrivingByGpu {
         self.tracer.radiance(world, ray, met, sampler, counts)
     }
 
-    fn flights(&self) -> Option<&Flights> {
-        self.tracer.flights()
+    fn guide(&self) -> Option<&Guide> {
+        self.tracer.guide()
     }
 
     fn rays_at_once(&self) -> usize {

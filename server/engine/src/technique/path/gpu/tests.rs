@@ -109,6 +109,7 @@ impl Shot {
             screen: None,
             caustics: self.focused.as_deref(),
             near,
+            guide: None,
         };
         let width = self.size.width();
         let (samples, counts): (Vec<_>, Vec<_>) = (0..self.size.pixel_count() as u32)

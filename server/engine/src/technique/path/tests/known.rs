@@ -124,6 +124,7 @@ fn mean_seen_as(
         screen: None,
         caustics: None,
         near,
+        guide: None,
     };
     let (mut sums, mut counts) = ([0.0; 4], Counts::default());
     for index in indices.clone() {
@@ -259,7 +260,16 @@ fn unlit_surfaces_are_seen_in_mirrors_by_the_last_scattering() {
         let world = World::prepare(Arc::new(stage.finish()));
         let settings = PathSettings::all(Some(1), 0);
         let (secondary, caustics, near) = (None, None, Near::Blurred);
-        let tracer = Tracer { world: &world, view: None, settings, secondary, screen: None, caustics, near };
+        let tracer = Tracer {
+            world: &world,
+            view: None,
+            settings,
+            secondary,
+            screen: None,
+            caustics,
+            near,
+            guide: None,
+        };
         let from = world.accel().to_render(v(0.1, 0.2, 0.0));
         let ray = Ray::new(from, Vec3::NEG_Z);
         let sampler = PixelSampler::new(8, 0, 0, 0);
@@ -278,8 +288,16 @@ fn bounds_hold_near_other_surfaces() {
     let settings = PathSettings::all(Some(3), 3).asking();
     let sample = |near| {
         let secondary: Option<&dyn SecondaryLight> = Some(&secondary);
-        let tracer =
-            Tracer { world: &world, view: None, settings, secondary, screen: None, caustics: None, near };
+        let tracer = Tracer {
+            world: &world,
+            view: None,
+            settings,
+            secondary,
+            screen: None,
+            caustics: None,
+            near,
+            guide: None,
+        };
         let ray = Ray::new(Vec3::ZERO, Vec3::new(0.6, -0.8, 0.0));
         let sampler = PixelSampler::new(6, 0, 0, 9);
         tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default())
@@ -327,6 +345,7 @@ fn grooves_narrower_than_the_blur_are_dark() {
         screen: None,
         caustics: None,
         near: Near::Blurred,
+        guide: None,
     };
     let expected = (0..60_000).map(|index| {
         let ray = downwards(crate::math::sobol::point(7, index));
@@ -374,6 +393,7 @@ impl SecondaryLight for Traced {
             screen: None,
             caustics: None,
             near: Near::Blurred,
+            guide: None,
         };
         let sampler = PixelSampler::new(78, 0, 0, number);
         let sample = tracer.sample_pixel(&ray, Some(hit), &sampler, &mut Counts::default());

@@ -49,6 +49,7 @@ impl Shot {
             screen: None,
             caustics: None,
             near,
+            guide: None,
         };
         let along = |GatherRay { ray, sampler }: &GatherRay| {
             let mut counts = Counts::default();

@@ -1,0 +1,509 @@
+//! Where the light comes from that falls on surfaces, as photons tell it: for paths that look for light.
+//!
+//! Photons of indirect light are sorted into a tree by where they fell and which way that surface faces. Those of a leaf say how much
+//! light comes through which part of the hemisphere there [Jensen1995], as a tree of quarters like that of [Mueller2017]: it is the
+//! finer the more photons came through, and quarters that few came through share what they brought with their neighbours. A direction is
+//! drawn by it with a fixed chance and else by the cosine, so that none is left out: what follows it is right whatever photons say, and
+//! where they say nothing of use little is lost.
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::{Vec2, Vec3};
+
+use crate::math::{Frame, sobol::mix, warp};
+
+/// Flights that are asked at most, drawn evenly of more. With a quarter of them path tracing's variance times its rays was a tenth to a
+/// quarter higher (two-rooms, spots, a corridor); four times as many are no better and take twice as long to sort.
+const FLIGHTS_MAX: usize = 1 << 17;
+/// Flights of a leaf at most, as far as they lie apart.
+const LEAF_FLIGHTS_MAX: usize = 256;
+/// Halvings of either kind at most.
+const LEAF_DEPTH_MAX: u32 = 32;
+/// Share of directions that photons draw.
+pub const GUIDED_SHARE: f32 = 0.5;
+/// Even light that quarters are taken to have beside what their photons brought, as so many photons in all: chance makes them uneven as
+/// well. With 4 in place of 16 paths in Sponza and modern-hall had more variance guided than without.
+const EVEN_PHOTONS: f32 = 16.0;
+/// A part of the hemisphere is cut in four where it is sent so many photons.
+const CUT_PHOTONS: f32 = 4.0;
+/// Times that it is cut at most: parts are 64 × 64.
+const CUTS_MAX: u32 = 6;
+/// A leaf says nothing of a surface that faces otherwise than its own by more than this cosine.
+const LIKE_COS: f32 = 0.5;
+
+/// What photons say of where light comes from, all over the scene.
+pub struct Guide {
+    nodes: Vec<Node>,
+    leaves: Vec<Leaf>,
+    quarters: Vec<Quarters>,
+    /// Where the flights of each leaf began, in its turn, and their flux, W.
+    told: Vec<(Vec3, f32)>,
+}
+
+impl std::fmt::Debug for Guide {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Guide").field("leaves", &self.leaves.len()).finish()
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Node {
+    /// What has less than `at` follows next.
+    Halved {
+        axis: Axis,
+        at: f32,
+        above: u32,
+    },
+    Leaf(u32),
+}
+
+/// What photons are sorted by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Axis {
+    Position(u8),
+    Normal(u8),
+}
+
+impl Axis {
+    const ALL: [Axis; 6] = [
+        Axis::Position(0),
+        Axis::Position(1),
+        Axis::Position(2),
+        Axis::Normal(0),
+        Axis::Normal(1),
+        Axis::Normal(2),
+    ];
+
+    fn of(self, position: Vec3, normal: Vec3) -> f32 {
+        match self {
+            Axis::Position(axis) => position[axis as usize],
+            Axis::Normal(axis) => normal[axis as usize],
+        }
+    }
+}
+
+/// The last flight of a photon that another surface sent on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flight {
+    /// Where it began, in render space.
+    pub from: Vec3,
+    /// Where it ended, in render space.
+    pub to: Vec3,
+    /// Normal of the surface there, on the side it fell on: a unit vector.
+    pub normal: Vec3,
+    /// Mean flux of the channels, W.
+    pub flux_w: f32,
+}
+
+impl Flight {
+    /// So many of some as a [`Guide`] asks.
+    ///
+    /// - `count`: of all
+    pub fn some_of(all: impl Iterator<Item = Flight>, count: usize) -> Vec<Flight> {
+        let share = (FLIGHTS_MAX as f64 / count.max(1) as f64 * 2f64.powi(64)) as u64;
+        // Not every so-many-th, which might be the first of every path.
+        let some = (0..).zip(all).filter(|(number, _)| mix(*number) <= share);
+        let mut flights = Vec::with_capacity(count.min(FLIGHTS_MAX));
+        flights.extend(some.map(|(_, flight)| flight).filter(|flight| flight.flux_w > 0.0).take(FLIGHTS_MAX));
+        flights
+    }
+
+    fn along(&self, axis: Axis) -> f32 {
+        axis.of(self.to, self.normal)
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Leaf {
+    frame: Frame,
+    /// Of its quarters, those of the whole hemisphere.
+    whole: u32,
+    /// Its flights: first and end.
+    told: [u32; 2],
+}
+
+/// How the light of a part of the hemisphere comes through its quarters.
+#[derive(Clone, Copy, Debug)]
+struct Quarters {
+    /// Of all, `[x + 2 y]` of the square that the hemisphere is spread out on, each more than 0; they sum to 1.
+    shares: [f32; 4],
+    /// Where a quarter is cut again; 0 where it is not.
+    cut: [u32; 4],
+}
+
+/// Where light comes from around one place.
+#[derive(Clone, Copy, Debug)]
+pub struct Guidance<'a> {
+    guide: &'a Guide,
+    leaf: &'a Leaf,
+}
+
+impl Guide {
+    /// By some flights; `None` where there are none.
+    pub fn of(mut flights: Vec<Flight>) -> Option<Guide> {
+        if flights.is_empty() {
+            return None;
+        }
+        let mut guide =
+            Guide { nodes: Vec::new(), leaves: Vec::new(), quarters: Vec::new(), told: Vec::new() };
+        guide.sort(&mut flights, LEAF_DEPTH_MAX);
+        Some(guide)
+    }
+
+    /// Memory.
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>()
+            + self.leaves.len() * size_of::<Leaf>()
+            + self.quarters.len() * size_of::<Quarters>()
+            + self.told.len() * size_of::<(Vec3, f32)>()
+    }
+
+    /// Adds a node of some flights, and all below it.
+    fn sort(&mut self, flights: &mut [Flight], depth_left: u32) {
+        let halves = (flights.len() > LEAF_FLIGHTS_MAX && depth_left > 0).then(|| halve(flights)).flatten();
+        let Some((axis, at, below)) = halves else {
+            self.nodes.push(Node::Leaf(self.leaves.len() as u32));
+            let leaf = self.leaf_of(flights);
+            return self.leaves.push(leaf);
+        };
+        let (below, above) = flights.split_at_mut(below);
+        let node = self.nodes.len();
+        self.nodes.push(Node::Halved { axis, at, above: 0 });
+        self.sort(below, depth_left - 1);
+        self.nodes[node] = Node::Halved { axis, at, above: self.nodes.len() as u32 };
+        self.sort(above, depth_left - 1);
+    }
+
+    fn leaf_of(&mut self, flights: &[Flight]) -> Leaf {
+        let n = flights.iter().map(|flight| flight.normal).sum::<Vec3>().normalize_or(Vec3::Z);
+        let frame = Frame::around(n);
+        // Few bright ones among many say as little as few do.
+        let (sum, squares) = flights.iter().fold((0.0f64, 0.0f64), |(sum, squares), flight| {
+            let flux = f64::from(flight.flux_w);
+            (sum + flux, squares + flux * flux)
+        });
+        let photons_per_w = if squares > 0.0 { sum / squares } else { 0.0 };
+        let mut seen: Vec<(Vec2, f32)> = flights
+            .iter()
+            .filter_map(|flight| {
+                let direction = frame.to_local(flight.from - flight.to).normalize_or_zero();
+                let weight = (f64::from(flight.flux_w) * photons_per_w) as f32;
+                (direction.z > 0.0).then(|| (warp::square_of_hemisphere(direction), weight))
+            })
+            .collect();
+        let first = self.told.len() as u32;
+        // Of those that fell on one point some say as much as all.
+        let some = flights.iter().take(LEAF_FLIGHTS_MAX);
+        self.told.extend(some.map(|flight| (flight.from, flight.flux_w)));
+        let told = [first, self.told.len() as u32];
+        Leaf { frame, whole: self.cut(&mut seen, (Vec2::ZERO, 1.0), CUTS_MAX), told }
+    }
+
+    /// Cuts a part of the hemisphere's square in four; returns its place.
+    ///
+    /// - `seen`: photons in it, and how many each stands for
+    /// - `part`: low corner and side
+    fn cut(&mut self, seen: &mut [(Vec2, f32)], (low, side): (Vec2, f32), cuts_left: u32) -> u32 {
+        let half = 0.5 * side;
+        let quarter_of = |at: Vec2| usize::from(at.x >= low.x + half) + 2 * usize::from(at.y >= low.y + half);
+        seen.sort_unstable_by_key(|(at, _)| quarter_of(*at));
+        let place = self.quarters.len();
+        self.quarters.push(Quarters { shares: [0.25; 4], cut: [0; 4] });
+        let all: f32 = seen.iter().map(|(_, weight)| weight).sum();
+        let mut rest = seen;
+        for quarter in 0..4 {
+            let end = rest.partition_point(|(at, _)| quarter_of(*at) <= quarter);
+            let (within, beyond) = rest.split_at_mut(end);
+            rest = beyond;
+            let weight: f32 = within.iter().map(|(_, weight)| weight).sum();
+            self.quarters[place].shares[quarter] = (weight + 0.25 * EVEN_PHOTONS) / (all + EVEN_PHOTONS);
+            if weight >= CUT_PHOTONS && cuts_left > 1 {
+                let corner = low + half * Vec2::new((quarter % 2) as f32, (quarter / 2) as f32);
+                self.quarters[place].cut[quarter] = self.cut(within, (corner, half), cuts_left - 1);
+            }
+        }
+        place as u32
+    }
+
+    /// Where light comes from at `p`, if anything is known of surfaces there that face like `n`.
+    pub fn at(&self, p: Vec3, n: Vec3) -> Option<Guidance<'_>> {
+        let mut place = 0;
+        loop {
+            match self.nodes[place] {
+                Node::Halved { axis, at, above } => {
+                    place = if axis.of(p, n) < at { place + 1 } else { above as usize };
+                }
+                Node::Leaf(leaf) => {
+                    let leaf = &self.leaves[leaf as usize];
+                    return (leaf.frame.n.dot(n) > LIKE_COS).then_some(Guidance { guide: self, leaf });
+                }
+            }
+        }
+    }
+}
+
+/// Sorts flights into two by what sets them apart most: what that is, where the second begins, and with which of them. `None` where all lie
+/// together.
+fn halve(flights: &mut [Flight]) -> Option<(Axis, f32, usize)> {
+    let [mut low, mut high] = [[f32::INFINITY; 6], [f32::NEG_INFINITY; 6]];
+    for flight in flights.iter() {
+        for (index, axis) in Axis::ALL.into_iter().enumerate() {
+            let at = flight.along(axis);
+            (low[index], high[index]) = (low[index].min(at), high[index].max(at));
+        }
+    }
+    let size_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
+    // A right angle sets flights as far apart as the length of where they lie.
+    let apart = |index: usize| (high[index] - low[index]) * if index < 3 { 1.0 } else { size_m };
+    let index = (0..6).max_by(|a, b| apart(*a).total_cmp(&apart(*b)))?;
+    let axis = Axis::ALL[index];
+    let at = match axis {
+        Axis::Position(_) => {
+            let middle = flights.len() / 2;
+            flights.select_nth_unstable_by(middle, |a, b| a.along(axis).total_cmp(&b.along(axis)));
+            flights[middle].along(axis)
+        }
+        // Most surfaces face one of a few ways: the one in the middle would part those that face alike.
+        Axis::Normal(_) => 0.5 * (low[index] + high[index]),
+    };
+    flights.sort_unstable_by_key(|flight| flight.along(axis) >= at);
+    let below = flights.partition_point(|flight| flight.along(axis) < at);
+    (0 < below && below < flights.len()).then_some((axis, at, below))
+}
+
+impl Guidance<'_> {
+    /// Where flights began that ended about there, in render space, and their flux, W.
+    pub fn flights(&self) -> &[(Vec3, f32)] {
+        let [first, end] = self.leaf.told;
+        &self.guide.told[first as usize..end as usize]
+    }
+
+    /// Density of drawing `wi` by the cosine or, with the chance of [`GUIDED_SHARE`], by photons, over that by the cosine alone.
+    ///
+    /// - `wi`: a unit vector
+    /// - `cos`: with the normal that directions are drawn around by the cosine
+    pub fn ratio(&self, wi: Vec3, cos: f32) -> f32 {
+        let density = self.density(wi);
+        let by_cosine = (cos * FRAC_1_PI).max(f32::MIN_POSITIVE);
+        (1.0 - GUIDED_SHARE + GUIDED_SHARE * density / by_cosine).min(f32::MAX)
+    }
+
+    /// Density of [`Guidance::draw`], 1/sr.
+    fn density(&self, wi: Vec3) -> f32 {
+        let direction = self.leaf.frame.to_local(wi);
+        if direction.z <= 0.0 {
+            return 0.0;
+        }
+        let mut at = warp::square_of_hemisphere(direction);
+        let mut density = warp::cosine_hemisphere_pdf(direction.z);
+        let mut place = self.leaf.whole;
+        loop {
+            let quarters = &self.guide.quarters[place as usize];
+            at *= 2.0;
+            let outer = at.cmpge(Vec2::ONE);
+            at -= Vec2::select(outer, Vec2::ONE, Vec2::ZERO);
+            let quarter = outer.bitmask() as usize;
+            density *= 4.0 * quarters.shares[quarter];
+            place = quarters.cut[quarter];
+            if place == 0 {
+                return density;
+            }
+        }
+    }
+
+    /// A direction drawn by photons alone, a unit vector.
+    ///
+    /// - `u`: from 0 to 1
+    pub fn draw(&self, u: Vec2) -> Vec3 {
+        let (mut u, mut low, mut side) = (u, Vec2::ZERO, 1.0);
+        let mut place = self.leaf.whole;
+        loop {
+            let quarters = &self.guide.quarters[place as usize];
+            let [a, b, c, d] = quarters.shares;
+            let (is_right, x) = part(u.x, a + c, b + d);
+            let (is_upper, y) = if is_right { part(u.y, b, d) } else { part(u.y, a, c) };
+            u = Vec2::new(x, y);
+            side *= 0.5;
+            low += side * Vec2::new(f32::from(u8::from(is_right)), f32::from(u8::from(is_upper)));
+            place = quarters.cut[usize::from(is_right) + 2 * usize::from(is_upper)];
+            if place == 0 {
+                return self.leaf.frame.to_world(warp::cosine_hemisphere((low + side * u).to_array()));
+            }
+        }
+    }
+}
+
+/// Which of two, as likely as they are large, and where in it, from 0 to 1.
+fn part(u: f32, first: f32, second: f32) -> (bool, f32) {
+    let share = first / (first + second);
+    if u < share { (false, u / share) } else { (true, ((u - share) / (1.0 - share)).min(1.0)) }
+}
+
+/// Guides of photons made up for tests.
+#[cfg(test)]
+pub(in crate::technique) mod samples_of_guides {
+    use super::*;
+
+    /// By photons that fell on a surface with unit normal `n`, each with where it fell and where it was before, alike bright.
+    pub(in crate::technique) fn guide_of(n: Vec3, photons: impl Iterator<Item = (Vec3, Vec3)>) -> Guide {
+        let flight = |(to, from)| Flight { from, to, normal: n, flux_w: 1.0 };
+        let flights: Vec<Flight> = photons.map(flight).collect();
+        Guide::of(Flight::some_of(flights.iter().copied(), flights.len())).unwrap()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{samples_of_guides::guide_of, *};
+    use crate::math::sobol::point;
+
+    fn on_floor(number: u32) -> Vec3 {
+        let [x, y, ..] = point(3, number);
+        Vec3::new(x, y, 0.0)
+    }
+
+    /// Half of them from a small spot, the rest from all around.
+    fn spotted(number: u32) -> (Vec3, Vec3) {
+        let [_, _, u, v] = point(5, number);
+        let from = if number.is_multiple_of(2) {
+            Vec3::new(0.6 + 0.05 * u, 0.05 * v, 0.8).normalize()
+        } else {
+            warp::cosine_hemisphere([u, v])
+        };
+        (on_floor(number), on_floor(number) + from)
+    }
+
+    /// Directions are drawn as often as the density says, over every part of the hemisphere, and half of them where half of the light
+    /// comes from, less what is taken to be even.
+    #[test]
+    fn directions_are_drawn_by_their_density() {
+        let guide = guide_of(Vec3::Z, (0..1000).map(spotted));
+        let guidance = guide.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).unwrap();
+        const SIDE: usize = 8;
+        let place = |direction: Vec3| {
+            let [x, y] =
+                warp::square_of_hemisphere(direction).to_array().map(|at| (at * SIDE as f32) as usize);
+            y.min(SIDE - 1) * SIDE + x.min(SIDE - 1)
+        };
+        const DRAWN: u32 = 200_000;
+        let [mut drawn, mut expected] = [[0.0f64; SIDE * SIDE]; 2];
+        let mut spot = 0.0;
+        for number in 0..DRAWN {
+            let [u, v, s, t] = point(11, number);
+            let by_light = guidance.draw(Vec2::new(u, v));
+            assert!(by_light.is_normalized() && by_light.z >= 0.0, "{by_light}");
+            drawn[place(by_light)] += 1.0 / f64::from(DRAWN);
+            spot += f64::from(u8::from(by_light.dot(Vec3::new(0.62, 0.02, 0.78)) > 0.995)) / f64::from(DRAWN);
+            // Even in the cosine, each counts for the density over that of the cosine.
+            let even = warp::cosine_hemisphere([s, t]);
+            let density = guidance.density(even) / warp::cosine_hemisphere_pdf(even.z);
+            expected[place(even)] += f64::from(density) / f64::from(DRAWN);
+        }
+        for (drawn, expected) in drawn.iter().zip(expected) {
+            assert!((drawn - expected).abs() < 0.003 + 0.03 * expected, "{drawn} for {expected}");
+        }
+        assert!((0.35..0.6).contains(&spot), "{spot}");
+        // Guided and not, together, are a density over the whole hemisphere as well.
+        let ratios = (0..DRAWN).map(|number| {
+            let [u, v, ..] = point(13, number);
+            let wi = warp::cosine_hemisphere([u, v]);
+            f64::from(guidance.ratio(wi, wi.z))
+        });
+        let mean = ratios.sum::<f64>() / f64::from(DRAWN);
+        assert!((mean - 1.0).abs() < 0.01, "{mean}");
+    }
+
+    /// Of even light photons draw about as the cosine does, and so they do of one bright photon among many faint ones.
+    #[test]
+    fn chance_and_single_photons_say_little() {
+        let even = |number: u32| {
+            let [_, _, u, v] = point(5, number);
+            (on_floor(number), on_floor(number) + warp::cosine_hemisphere([u, v]))
+        };
+        let of_chance = guide_of(Vec3::Z, (0..1000).map(even));
+        let faint = |number: u32| {
+            let (to, from) = even(number);
+            let flux_w = if number == 7 { 1e6 } else { 1.0 };
+            Flight { from, to, normal: Vec3::Z, flux_w }
+        };
+        let of_one = Guide::of((0..200).map(faint).collect()).unwrap();
+        for (guide, most) in [(of_chance, 6.0), (of_one, 1.5)] {
+            let guidance = guide.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).unwrap();
+            let mut squares = 0.0;
+            for number in 0..4096 {
+                let [u, v, ..] = point(17, number);
+                let wi = warp::cosine_hemisphere([u, v]);
+                let ratio = guidance.ratio(wi, wi.z);
+                assert!((0.5..most).contains(&ratio), "{ratio}");
+                squares += f64::from(ratio).powi(-1) / 4096.0;
+            }
+            // Mean square of what even light counts for, over the square of its mean.
+            assert!(squares < 1.15, "{squares}");
+        }
+    }
+
+    /// Photons of another wall, of the other side of this one and of far away say nothing here.
+    #[test]
+    fn every_place_and_side_has_photons_of_its_own() {
+        let (near, far) = (Vec3::new(0.3, 0.0, 0.9), Vec3::new(-0.3, 0.0, 0.9));
+        let mut flights = Vec::new();
+        for number in 0..4000 {
+            let p = on_floor(number);
+            let [n, position, from] = match number % 4 {
+                0 => [Vec3::Z, p, near],
+                1 => [Vec3::Z, p + 10.0 * Vec3::X, far],
+                2 => [Vec3::NEG_Z, p, -near],
+                _ => [Vec3::X, Vec3::new(0.0, p.y, p.x), Vec3::X],
+            };
+            flights.push(Flight { from: position + from, to: position, normal: n, flux_w: 1.0 });
+        }
+        let count = flights.len();
+        let guide = Guide::of(flights).unwrap();
+        for (p, n, from) in [
+            (Vec3::new(0.5, 0.5, 0.0), Vec3::Z, near),
+            (Vec3::new(10.5, 0.5, 0.0), Vec3::Z, far),
+            (Vec3::new(0.5, 0.5, 0.0), Vec3::NEG_Z, -near),
+            (Vec3::new(0.0, 0.5, 0.5), Vec3::X, Vec3::X),
+        ] {
+            let guidance = guide.at(p, n).unwrap();
+            // Those of other places began elsewhere.
+            let began = |told: Vec3| (told - p).distance(from) < 1.5;
+            assert!(guidance.flights().iter().all(|(told, _)| began(*told)), "{p} {n}");
+            let many = (0..1000).filter(|number| {
+                let [u, v, ..] = point(19, *number);
+                guidance.draw(Vec2::new(u, v)).dot(from.normalize()) > 0.99
+            });
+            assert!(many.count() > 800, "{p} {n}");
+        }
+        // Nothing falls on what faces down at the wall's foot.
+        assert!(guide.at(Vec3::new(0.0, 0.5, 0.5), Vec3::NEG_X).is_none());
+        assert!(guide.bytes() > count * size_of::<(Vec3, f32)>());
+    }
+
+    /// However many photons fall on one point, on points in a row or without light, sorting ends, and limits hold.
+    #[test]
+    fn odd_photons_are_sorted_too() {
+        let one = guide_of(Vec3::Z, (0..10_000).map(|_| (Vec3::ONE, Vec3::ONE + Vec3::Z)));
+        let guidance = one.at(Vec3::ONE, Vec3::Z).unwrap();
+        assert_eq!(guidance.flights().len(), LEAF_FLIGHTS_MAX);
+        assert!(guidance.draw(Vec2::ONE).is_normalized() && guidance.density(Vec3::Z).is_finite());
+        assert!(guidance.ratio(Vec3::X, 0.0).is_finite());
+        // Each ten times as far as the one before.
+        let row = guide_of(
+            Vec3::Z,
+            (0..400u32).map(|number| {
+                (
+                    Vec3::X * 10f32.powi(number as i32 % 30 - 10),
+                    Vec3::new(0.0, (number as f32).sin(), 1.0).normalize(),
+                )
+            }),
+        );
+        assert!(row.at(Vec3::X, Vec3::Z).is_some());
+        let black = Flight { from: Vec3::ZERO, to: Vec3::ONE, normal: Vec3::Z, flux_w: 0.0 };
+        assert!(Guide::of(Flight::some_of([black; 3].into_iter(), 3)).is_none());
+        let many = guide_of(Vec3::Z, (0..300_000).map(spotted));
+        let kept = many.told.len();
+        assert!(kept <= FLIGHTS_MAX && kept > FLIGHTS_MAX * 9 / 10, "{kept}");
+        assert!(many.leaves.len() < 4 * FLIGHTS_MAX / LEAF_FLIGHTS_MAX, "{}", many.leaves.len());
+    }
+}
