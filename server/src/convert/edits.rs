@@ -143,7 +143,9 @@ fn set_material(builder: &mut SceneBuilder, edit: &SetMaterial) -> Result<(), Re
             with_properties(&edit.applied_to(&MaterialProperties::default()), &Material::default())
         }
         None => {
-            let reason = format!("there is no material {material_id:?}; `\"create\": true` would make it");
+            let known = builder.scene().materials().keys();
+            let unknown = SceneError::unknown("material", "material", material_id.as_str(), known);
+            let reason = format!("{unknown}; `\"create\": true` would make it");
             return Err(Refusal { field: Some("material".into()), reason });
         }
     };
@@ -199,8 +201,8 @@ fn light(parent: Option<lumicast_engine::scene::Id>, source: &LightSource) -> Li
 
 fn set_light(builder: &mut SceneBuilder, edit: &SetLight) -> Result<(), Refusal> {
     let Some(before) = builder.scene().lights().get(edit.light.as_str()) else {
-        let (kind, field) = ("light", "light");
-        return Err(SceneError::Unknown { kind, field, id: edit.light.to_string() }.into());
+        let known = builder.scene().lights().keys();
+        return Err(SceneError::unknown("light", "light", edit.light.as_str(), known).into());
     };
     let source = edit.applied_to(&super::describe::light_source(before)).map_err(|reason| {
         // The protocol puts the field's name between the first backticks.

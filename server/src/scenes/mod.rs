@@ -27,6 +27,7 @@ use crate::store::Store;
 use crate::telemetry::Metrics;
 use history::History;
 use lumicast_engine::effects::EffectPlan;
+use lumicast_engine::scene::{Id, SceneError};
 use lumicast_engine::transport::World;
 use lumicast_protocol::{
     Accuracy, CameraRequest, Convergence, Edit, EditReply, EventEntry, EventLog, Problem, ProblemKind,
@@ -176,6 +177,12 @@ pub struct Scene {
 /// A panic elsewhere leaves these plain data whole, so a poisoned lock is taken as it is.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A camera that the scene does not have; tells those that it has.
+fn no_camera<'a>(name: &str, known: impl Iterator<Item = &'a Id>) -> Problem {
+    let unknown = SceneError::unknown("camera", "camera", name, known);
+    Problem::new(ProblemKind::NotFound, unknown.to_string()).at_field("camera")
 }
 
 impl Scene {
@@ -371,9 +378,10 @@ impl Scene {
                 convert::view_of_pose(pose)?;
             }
             View::Camera(name) => {
-                if !self.snapshot().world.scene().cameras().contains_key(name.as_str()) {
-                    let detail = format!("there is no camera {:?} in scene {:?}", &**name, &*self.id);
-                    return Err(Problem::new(ProblemKind::NotFound, detail).at_field("camera"));
+                let snapshot = self.snapshot();
+                let cameras = snapshot.world.scene().cameras();
+                if !cameras.contains_key(name.as_str()) {
+                    return Err(no_camera(name, cameras.keys()));
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own, by the best
 //! chain there is; what that learns of the light goes with the picture.
 
-use super::{Scene, Snapshot, Workshop, lock};
+use super::{Scene, Snapshot, Workshop, lock, no_camera};
 use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
 use lumicast_engine::film::{Display, MeasuredError, PictureSize};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
@@ -128,8 +128,7 @@ impl Scene {
             None if request.camera.is_none() => scene.default_view(),
             None => {
                 let name = request.camera.unwrap_or_default();
-                let detail = format!("there is no camera {name:?} in scene {:?}", self.id.as_str());
-                return Err(Problem::new(ProblemKind::NotFound, detail).at_field("camera"));
+                return Err(no_camera(&name, scene.cameras().keys()));
             }
         };
         let size = match request.size {

@@ -138,7 +138,12 @@ impl SceneBuilder {
         for (slot, texture) in TextureSlot::ALL.iter().zip(&material.textures) {
             let Some(texture) = texture else { continue };
             let Some(image) = self.scene.textures.get(&texture.texture) else {
-                return Err(unknown("texture", "texture", texture.texture.as_str()));
+                return Err(SceneError::unknown(
+                    "texture",
+                    "texture",
+                    texture.texture.as_str(),
+                    self.scene.textures.keys(),
+                ));
             };
             if slot.is_colour()
                 && matches!(image.texels, Texels::Rgba32F(_))
@@ -175,7 +180,12 @@ impl SceneBuilder {
         if let Some(primitive) =
             source.primitives.iter().find(|p| !self.scene.materials.contains_key(&p.material))
         {
-            return Err(unknown("material", "material", primitive.material.as_str()));
+            return Err(SceneError::unknown(
+                "material",
+                "material",
+                primitive.material.as_str(),
+                self.scene.materials.keys(),
+            ));
         }
         let checked = mesh_check::check(&id, source, self.limits.coordinate_max_m)?;
         for warning in checked.warnings {
@@ -196,7 +206,9 @@ impl SceneBuilder {
         self.check_parent(node.parent.as_ref())?;
         let mesh = node.mesh.as_ref().map(|mesh| (mesh, self.scene.meshes.get(mesh)));
         let emissive = match mesh {
-            Some((mesh, None)) => return Err(unknown("mesh", "mesh", mesh.as_str())),
+            Some((mesh, None)) => {
+                return Err(SceneError::unknown("mesh", "mesh", mesh.as_str(), self.scene.meshes.keys()));
+            }
             Some((_, Some(mesh))) => emissive_triangles_of(&self.scene, mesh),
             None => 0,
         };
@@ -220,7 +232,7 @@ impl SceneBuilder {
     /// so that adding and removing things for hours does not fill the scene.
     pub fn remove_node(&mut self, id: &str) -> Result<(), SceneError> {
         let Some((id, _)) = self.scene.nodes.get_key_value(id) else {
-            return Err(unknown("node", "node", id));
+            return Err(SceneError::unknown("node", "node", id, self.scene.nodes.keys()));
         };
         let removed = self.with_descendants(&id.clone());
         self.touch_mounted(&removed);
@@ -244,7 +256,7 @@ impl SceneBuilder {
     /// Replaces a node's transform to its parent.
     pub fn set_transform(&mut self, id: &str, parent_from_node: DAffine3) -> Result<(), SceneError> {
         let Some((id, node)) = self.scene.nodes.get_key_value(id) else {
-            return Err(unknown("node", "node", id));
+            return Err(SceneError::unknown("node", "node", id, self.scene.nodes.keys()));
         };
         let (id, before) = (id.clone(), node.parent_from_node);
         check_transform("node", &id, &parent_from_node)?;
@@ -276,7 +288,7 @@ impl SceneBuilder {
     /// Replaces a punctual light.
     pub fn set_light(&mut self, id: &str, light: Light) -> Result<(), SceneError> {
         let Some((id, _)) = self.scene.lights.get_key_value(id) else {
-            return Err(unknown("light", "light", id));
+            return Err(SceneError::unknown("light", "light", id, self.scene.lights.keys()));
         };
         self.place_light(id.clone(), light)
     }
@@ -284,7 +296,7 @@ impl SceneBuilder {
     /// Removes a punctual light.
     pub fn remove_light(&mut self, id: &str) -> Result<(), SceneError> {
         let Some((id, _)) = self.scene.lights.shift_remove_entry(id) else {
-            return Err(unknown("light", "light", id));
+            return Err(SceneError::unknown("light", "light", id, self.scene.lights.keys()));
         };
         self.change.lights.insert(id);
         Ok(())
@@ -324,7 +336,7 @@ impl SceneBuilder {
     /// Removes a camera.
     pub fn remove_camera(&mut self, id: &str) -> Result<(), SceneError> {
         let Some((id, _)) = self.scene.cameras.shift_remove_entry(id) else {
-            return Err(unknown("camera", "camera", id));
+            return Err(SceneError::unknown("camera", "camera", id, self.scene.cameras.keys()));
         };
         self.change.cameras.insert(id);
         Ok(())
@@ -344,7 +356,14 @@ impl SceneBuilder {
                     return Err(bad("environment", "environment", "rotation_rad", value, "finite"));
                 }
                 match self.scene.textures.get(texture).map(|texture| &texture.texels) {
-                    None => return Err(unknown("texture", "image", texture.as_str())),
+                    None => {
+                        return Err(SceneError::unknown(
+                            "texture",
+                            "image",
+                            texture.as_str(),
+                            self.scene.textures.keys(),
+                        ));
+                    }
                     Some(Texels::Rgba8(_)) => {
                         let value = "8-bit texels".to_string();
                         return Err(bad("environment", "environment", "image", value, "float texels"));
@@ -394,7 +413,7 @@ impl SceneBuilder {
     fn check_parent(&self, parent: Option<&Id>) -> Result<(), SceneError> {
         match parent {
             Some(parent) if !self.scene.nodes.contains_key(parent) => {
-                Err(unknown("node", "parent", parent.as_str()))
+                Err(SceneError::unknown("node", "parent", parent.as_str(), self.scene.nodes.keys()))
             }
             _ => Ok(()),
         }
@@ -534,10 +553,6 @@ fn without_last_line(mut scene: Scene) -> Scene {
 
 fn refuse_duplicate<T>(kind: &'static str, map: &IndexMap<Id, T>, id: &Id) -> Result<(), SceneError> {
     if map.contains_key(id) { Err(SceneError::Duplicate { kind, id: id.clone() }) } else { Ok(()) }
-}
-
-fn unknown(kind: &'static str, field: &'static str, id: &str) -> SceneError {
-    SceneError::Unknown { kind, field, id: id.chars().take(64).collect() }
 }
 
 pub(in crate::scene) fn bad(

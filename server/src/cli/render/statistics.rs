@@ -255,7 +255,7 @@ impl Statistics {
             (Some(error), Some([low, high])) => {
                 format!("error {:.2} % ({:.2}–{:.2} %)", percent(error), percent(low), percent(high))
             }
-            _ => "error unknown".into(),
+            _ => "error unknown (not measured for long enough)".into(),
         };
         let shaders = match self.seconds.shaders {
             0.0 => String::new(),
