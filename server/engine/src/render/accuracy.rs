@@ -50,7 +50,8 @@ impl Rendering {
         });
         let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
         let image = self.own_picture().radiance();
-        afresh.repeat(measuring, (&self.world, &self.view, self.technique.guide()), (&self.film, &image));
+        let guide = self.technique.guide().filter(|_| self.is_guided());
+        afresh.repeat(measuring, (&self.world, &self.view, guide), (&self.film, &image));
         afresh.error_of(&self.picture(), &self.film)
     }
 
@@ -141,9 +142,10 @@ impl Rendering {
         let spent = self.spent_rays();
         #[cfg(feature = "gpu")]
         let start = std::time::Instant::now();
+        let is_guided = self.is_guided();
         let Some(measuring) = &mut self.measuring else { return };
-        let counts =
-            measuring.keep_up((&self.world, &self.view, self.technique.guide()), &self.film, spent, cancel);
+        let guide = self.technique.guide().filter(|_| is_guided);
+        let counts = measuring.keep_up((&self.world, &self.view, guide), &self.film, spent, cancel);
         self.counts += counts;
         #[cfg(feature = "gpu")]
         self.note_cpu_work(counts.all_rays(), start);

@@ -314,6 +314,15 @@ impl Rendering {
         Progress { counts: prepared.counts + progress.counts, ..progress }
     }
 
+    /// Photons say where path-traced samples go, of the film and of the measure of the error alike: by the noise of the one it is judged what
+    /// the other is worth. On a card they go without.
+    fn is_guided(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.gpu.is_none();
+        #[cfg(not(feature = "gpu"))]
+        return true;
+    }
+
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
         let size = self.film.size();

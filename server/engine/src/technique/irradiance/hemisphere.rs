@@ -290,10 +290,10 @@ impl Hemisphere {
         cancel: &AtomicBool,
         counts: &mut Counts,
     ) -> Option<Vec<Hemisphere>> {
-        let mut all: Vec<Gathering<'_>> = points
-            .par_iter()
-            .map(|seen| Gathering::new(world, seen, settings, visit, arriving.guide()))
-            .collect();
+        // Asked for once, before threads share the points out: the first that asks may have to wait for it.
+        let guide = arriving.guide();
+        let mut all: Vec<Gathering<'_>> =
+            points.par_iter().map(|seen| Gathering::new(world, seen, settings, visit, guide)).collect();
         for is_last in [false, true] {
             let mut end = 0;
             let own: Vec<Range<usize>> = all

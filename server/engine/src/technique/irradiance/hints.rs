@@ -10,7 +10,8 @@ use glam::{Vec2, Vec3};
 use super::Strata;
 use crate::{math::Frame, technique::Guidance};
 
-/// Photons of a cell that say where in it light comes from: of even light one hemisphere in twenty-five has a cell with as many.
+/// Photons of a cell that say where in it light comes from: of even light one hemisphere in twenty-five has a cell with as many where 192 are
+/// asked, one in four with the most.
 const TELLING: u32 = 8;
 /// Parts of a cell along either side.
 const PARTS: usize = 4;

@@ -231,7 +231,7 @@ fn photons_from(from: Vec3, radius_m: f32) -> Guide {
         let to = Vec3::new(0.4 * x - 0.2, -1.0, 0.4 * z - 0.2);
         (to, from + around)
     };
-    guide_of(Vec3::Y, (0..250).map(photon))
+    guide_of(Vec3::Y, (0..300).map(photon))
 }
 
 /// Of a spot that photons tell of, records have a fraction of the noise. Whatever photons say, the mean is the truth, also where
@@ -272,7 +272,7 @@ fn photons_change_nothing_of_even_light() {
     };
     let record = |arriving: &dyn ArrivingLight| record(&world, 0.2, 0.1, Vec3::Y, 800, arriving);
     let plain = record(&even);
-    let told = record(&Hinted(Painted(|_| Rgb::WHITE), guide_of(Vec3::Y, (0..250).map(everywhere))));
+    let told = record(&Hinted(Painted(|_| Rgb::WHITE), guide_of(Vec3::Y, (0..300).map(everywhere))));
     assert!((told.irradiance.r / std::f32::consts::PI - 1.0).abs() < 1e-3, "{}", told.irradiance.r);
     assert!(told.moving.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", told.moving);
     let aside = record(&Hinted(even, photons_from(Vec3::new(0.99, 0.0, 0.0), 0.1)));

@@ -570,8 +570,9 @@ impl Path<'_> {
         if self.bounce <= ROULETTE_FREE_BOUNCES {
             return true;
         }
-        // The scale of radiance inside glass comes back on the way out: it says nothing of what the path carries.
-        let carried = self.throughput.max_component() * self.eta_squared * self.guided;
+        // The scale of radiance inside glass comes back on the way out: it says nothing of what the path carries. And a path that was
+        // sent to where light comes from carries less to bring as much; one that was not carries all that it says.
+        let carried = self.throughput.max_component() * self.eta_squared * self.guided.max(1.0);
         let survival = carried.sqrt().sqrt().min(SURVIVAL_MAX);
         if u >= survival {
             return false;

@@ -41,7 +41,7 @@ use self::{
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
-    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, Flight, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
     SentPhoton, Step, Surfaces, Technique, TriangleSide,
 };
 use crate::{
@@ -293,7 +293,7 @@ impl PhotonTracing {
         };
         let changed = self.stale.take_changed();
         let count = maps.photon_count(PathClass::Indirect);
-        let flights = Flight::some_of(self.paths.flights(normal_of), count);
+        let flights = self.paths.flights(count, normal_of).collect();
         self.product = Arc::new(PhotonProduct::new(maps, before.generation + 1, changed, flights));
     }
 }

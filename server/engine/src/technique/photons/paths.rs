@@ -421,20 +421,25 @@ impl PhotonPaths {
             .collect()
     }
 
-    /// The last flights of all photons that maps of indirect light hold, in order.
+    /// The last flights of some photons of indirect light, of those that maps hold, in order; see [`Flight::is_asked`].
     ///
+    /// - `count`: that maps hold
     /// - `normal_of`: unit normal of a triangle on a side of it
-    pub fn flights(&self, normal_of: impl Fn(TriangleSide) -> Vec3) -> impl Iterator<Item = Flight> {
+    pub fn flights(
+        &self,
+        count: usize,
+        normal_of: impl Fn(TriangleSide) -> Vec3,
+    ) -> impl Iterator<Item = Flight> {
         let ways = self.each_block().flat_map(|(flux_w, block)| {
             let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
             ways.map(move |way| (flux_w, &way[0], &way[1]))
         });
-        ways.filter(|(.., hit)| hit.is_on_diffuse() && hit.class() == PathClass::Indirect).filter_map(
-            move |(flux_w, before, hit)| {
-                let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
-                Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w })
-            },
-        )
+        let indirect = ways.filter(|(.., hit)| hit.is_on_diffuse() && hit.class() == PathClass::Indirect);
+        let asked = (0..).zip(indirect).filter(move |(number, _)| Flight::is_asked(*number, count));
+        asked.filter_map(move |(_, (flux_w, before, hit))| {
+            let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
+            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w })
+        })
     }
 
     /// Every hit with its flux, W, in order.

@@ -16,7 +16,7 @@ mod walls;
 use std::{
     collections::HashMap,
     fmt,
-    sync::{Arc, OnceLock, atomic::AtomicBool},
+    sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, atomic::AtomicBool},
 };
 
 use glam::{UVec2, Vec3};
@@ -249,39 +249,38 @@ pub struct PhotonProduct {
     pub generation: u64,
     /// Where photons came or went since the generation before; `None`: anywhere.
     pub changed: Option<ChangedPhotons>,
-    /// Some of those of indirect light.
-    flights: Vec<Flight>,
+    /// Some of those of indirect light, until the guide is made of them.
+    flights: Mutex<Vec<Flight>>,
     guide: OnceLock<Option<Guide>>,
 }
 
 impl PhotonProduct {
     /// What a technique made.
     ///
-    /// - `flights`: of photons of indirect light; see [`Flight::some_of`]
+    /// - `flights`: of photons of indirect light; see [`Flight::is_asked`]
     pub fn new(
         maps: PhotonMaps,
         generation: u64,
         changed: Option<ChangedPhotons>,
         flights: Vec<Flight>,
     ) -> PhotonProduct {
-        PhotonProduct { maps, generation, changed, flights, guide: OnceLock::new() }
+        PhotonProduct { maps, generation, changed, flights: Mutex::new(flights), guide: OnceLock::new() }
     }
 
     /// Memory.
     pub fn bytes(&self) -> usize {
         let guide = self.guide.get().and_then(Option::as_ref).map_or(0, Guide::bytes);
-        self.maps.bytes() + self.flights.len() * size_of::<Flight>() + guide
+        self.maps.bytes() + self.flights().len() * size_of::<Flight>() + guide
     }
 
-    /// Some flights of photons of indirect light.
-    pub fn flights(&self) -> &[Flight] {
-        &self.flights
+    fn flights(&self) -> MutexGuard<'_, Vec<Flight>> {
+        self.flights.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What the photons say of where light comes from; `None` without photons of indirect light. Whoever asks first waits some 20 ms.
     pub fn guide(&self) -> Option<&Guide> {
         // On the one thread that asks: sharing the work out could hand it another's question for the same.
-        self.guide.get_or_init(|| Guide::of(self.flights.clone())).as_ref()
+        self.guide.get_or_init(|| Guide::of(std::mem::take(&mut *self.flights()))).as_ref()
     }
 }
 
