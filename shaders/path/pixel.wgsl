@@ -11,13 +11,18 @@ struct PixelSample {
     indirect: vec3f,
     albedo_blue: f32,
     normal: vec3f,
-    padding_0: u32,
+    is_shining: u32,
 }
 
 @group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
 
 fn sampler_of(slot: u32, path: Path) -> PixelSampler {
     return PixelSampler(path.key, pass_header.index);
+}
+
+/// Takes note that what is seen first shines by itself, or is beyond the scene.
+fn note_shining(slot: u32) {
+    samples[slot].is_shining = 1u;
 }
 
 /// Takes note of the surface that is seen first, `distance_m` away.

@@ -23,6 +23,8 @@ fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f
     samples[slot].distance_m = distance_m;
 }
 
+fn note_shining(slot: u32) {}
+
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
     if ((pass_header.brought >> class_of_light) & 1u) != 0u {
         samples[slot].radiance += radiance;

@@ -39,6 +39,9 @@ fn advance(slot: u32) -> bool {
     // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
     let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
     if hit.instance == NO_INDEX {
+        if path.bounce == 0u {
+            note_shining(slot);
+        }
         if !is_beyond_mirrors && !has_gathered(path, 2u) {
             add_environment(slot, path);
         }
@@ -52,6 +55,9 @@ fn advance(slot: u32) -> bool {
     if path.bounce == 0u {
         let albedo = albedo_of(surface.bsdf) + surface.unlit;
         note_first(slot, albedo, surface.frame.n, surface.point.position, hit.t);
+        if any(surface.emitted + surface.unlit > vec3f(0.0)) {
+            note_shining(slot);
+        }
     }
     if !is_beyond_mirrors {
         add_emission(slot, path, hit, surface);

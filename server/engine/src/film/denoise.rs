@@ -3,7 +3,7 @@
 //!
 //! An à-trous filter [Dammertz2010], guided by the variance of the samples [Schied2017]: levels of 3 × 3 pixels, twice as far
 //! apart from level to level. What is filtered is light over albedo, so that textures stay; light seen straight from emitters is left
-//! alone. Two pixels count as one by normal, depth beyond the slope of the surface, albedo, and by how far their light differs, in
+//! alone, but not their images in mirrors, glass and glosses. Two pixels count as one by normal, depth beyond the slope of the surface, albedo, and by how far their light differs, in
 //! standard deviations of what is left of the noise at that level. **Biased**: it blurs light that changes by less than its
 //! noise. Consistent: with the samples the deviations fall, and what differs is left apart. The error that is measured of a
 //! picture ([`super::measure_at`]) has that bias in it.
@@ -45,9 +45,6 @@ const ALBEDO_LEAST: f32 = 0.01;
 /// variance is taken for more, 6 %.
 const KEPT: f64 = 0.08;
 
-/// Light that is filtered: all but what emitters send straight to the camera.
-const FILTERED: [PathClass; 3] = [PathClass::Direct, PathClass::Caustic, PathClass::Indirect];
-
 /// What the filter makes of a film.
 #[derive(Clone, Debug)]
 pub(super) struct Denoised {
@@ -83,11 +80,7 @@ impl Denoised {
 
     /// What it adds to one class of a film's light: all classes together have what all light has.
     pub(super) fn change_of(film: &Film, class: PathClass) -> Vec<Rgb> {
-        if FILTERED.contains(&class) {
-            Filter::of(film, Some(class)).run().change
-        } else {
-            vec![Rgb::BLACK; film.size().pixel_count()]
-        }
+        Filter::of(film, Some(class)).run().change
     }
 }
 
@@ -136,7 +129,9 @@ impl Seen {
             sum.map(|value| value as f32).into()
         };
         // What is sampled of emitters is not filtered, and its noise is not told from that of the rest: none of it counts as taken off.
-        let is_shining = !sum(&[PathClass::Emitted]).is_black();
+        let is_shining = pixel.is_shining && !sum(&[PathClass::Emitted]).is_black();
+        let filtered = |class: PathClass| !is_shining || class != PathClass::Emitted;
+        let light: Vec<PathClass> = PathClass::ALL.into_iter().filter(|class| filtered(*class)).collect();
         // Light that was replaced has fewer samples than the rest. How much of the noise is its own nobody has noted: half at most, and
         // what is looked up hardly spreads by more than itself. What shadows' edges spread by is not its own: holes of leaves in
         // sunlight on the ground blurred, 5.5 % for 3.6 after 4 s.
@@ -147,8 +142,8 @@ impl Seen {
         let is_known = !has_caustics && held.fewest() >= 2;
         let own = (0.5 * spread).min(if is_known { looked_up.powi(2) } else { f64::INFINITY });
         Seen {
-            light: sum(&FILTERED),
-            carried: class.map_or(Rgb::BLACK, |class| sum(&[class])),
+            light: sum(&light),
+            carried: class.filter(|class| filtered(*class)).map_or(Rgb::BLACK, |class| sum(&[class])),
             variance: (spread - own) / passes + own / fewest,
             is_shining,
             albedo: pixel.albedo_sum / held.passes as f32,

@@ -15,6 +15,9 @@ pub struct PixelSample {
     pub normal: Vec3,
     /// Distance of the first hit along the camera's axis, metres; 0 when nothing was hit.
     pub depth_m: f32,
+    /// The first hit shines by itself, or nothing was hit: light of [`PathClass::Emitted`] comes straight from there. Else it is seen in
+    /// a mirror, through glass or in a gloss.
+    pub is_shining: bool,
 }
 
 impl PixelSample {
@@ -24,6 +27,7 @@ impl PixelSample {
         albedo: Rgb::BLACK,
         normal: Vec3::ZERO,
         depth_m: 0.0,
+        is_shining: false,
     };
 
     /// True when a film can take it: finite and not negative; and radiance so far below the largest float
@@ -99,6 +103,8 @@ pub(super) struct Pixel {
     pub(super) normal_sum: Vec3,
     depth_sum_m: f32,
     hit_count: u32,
+    /// Some sample met what shines by itself, or nothing that hides what shines around the scene.
+    pub(super) is_shining: bool,
 }
 
 impl Pixel {
@@ -119,6 +125,7 @@ impl Pixel {
             self.add_deviation(value, mean_before, luminance(self.total_mean(held.after_one_more())));
         }
         self.albedo_sum += sample.albedo;
+        self.is_shining |= sample.is_shining;
         if sample.depth_m > 0.0 {
             self.normal_sum += sample.normal;
             self.depth_sum_m += sample.depth_m;

@@ -150,7 +150,8 @@ fn what_is_known_is_left_alone() {
     assert!(few > 3.0 * many && many > 2.0 * most && most < 0.03, "{few}, {many}, {most}");
 }
 
-/// A picture without noise stays as it is, but for the last bit; so does light of emitters, however noisy.
+/// A picture without noise stays as it is, but for the last bit; so does light of emitters that are seen straight, however
+/// noisy.
 #[test]
 fn without_noise_nothing_changes() {
     let still =
@@ -159,7 +160,7 @@ fn without_noise_nothing_changes() {
         assert!((before.g - after.g).abs() <= 1e-6, "{before:?} {after:?}");
     }
     let shining = film_of(size(), 8, |x, y, pass| {
-        let mut sample = sheet(1.0);
+        let mut sample = PixelSample { is_shining: true, ..sheet(1.0) };
         sample.radiance[PathClass::Emitted as usize] = Rgb::splat(noise(x, y, pass));
         sample
     });
@@ -173,6 +174,28 @@ fn without_noise_nothing_changes() {
     for (before, after) in shining.radiance().iter().zip(picture.radiance()) {
         assert!((before.g - after.g).abs() <= 1e-6);
     }
+}
+
+/// A lamp in a gloss, which one sample in ten finds, is smoothed; beside it the lamp itself is as sharp as it was, and gives nothing away.
+#[test]
+fn lamps_in_glosses_are_smoothed_and_lamps_are_not() {
+    let is_lamp = |x: u32| x >= 3 * WIDTH / 4;
+    let film = film_of(size(), 16, |x, y, pass| {
+        let mut sample = PixelSample { is_shining: is_lamp(x), ..sheet(0.0) };
+        let found = f32::from(u8::from(noise(x, y, pass) < 0.2));
+        let shining = if is_lamp(x) { 100.0 } else { 10.0 * found };
+        sample.radiance[PathClass::Emitted as usize] = Rgb::splat(shining);
+        sample
+    });
+    let image = denoised(&film);
+    let gloss = 0..3 * WIDTH / 4;
+    let [raw, left] = [&film.radiance(), &image].map(|image| squared_error(image, gloss.clone(), 1.0));
+    assert!(left < 0.25 * raw, "{left} of {raw}");
+    assert!(
+        (0..image.len()).all(|index| !is_lamp(index as u32 % WIDTH) || image[index] == Rgb::splat(100.0))
+    );
+    let layer = Picture::of(&film).denoised(&Denoising::default()).layer(PathClass::Emitted);
+    assert!(layer.iter().zip(&image).all(|(layer, all)| (layer.g - all.g).abs() <= 1e-5 * all.g));
 }
 
 /// Two colours of one luminance are two colours.

@@ -222,6 +222,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
+            sample.is_shining |= path.bounce == 0;
             if !path.is_beyond_mirrors() && !self.has_gathered(path, 2) {
                 self.add_environment(path, sample);
             }
@@ -243,6 +244,7 @@ impl Tracer<'_> {
         if path.bounce == 0 {
             sample.albedo = surface.bsdf.albedo() + surface.unlit;
             sample.normal = surface.frame.n;
+            sample.is_shining = !(surface.emitted + surface.unlit).is_black();
             sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
         }
         if !path.is_beyond_mirrors() {

@@ -105,7 +105,7 @@ pub(super) struct GpuPixelSample {
     indirect: [f32; 3],
     albedo_blue: f32,
     normal: [f32; 3],
-    padding_0: u32,
+    is_shining: u32,
 }
 
 /// `Counters` in WGSL.
@@ -282,6 +282,7 @@ fn sample_of(packed: &GpuPixelSample) -> PixelSample {
         albedo: Rgb::new(packed.albedo_red, packed.albedo_green, packed.albedo_blue),
         normal: Vec3::from(packed.normal),
         depth_m: packed.depth_m,
+        is_shining: packed.is_shining != 0,
     }
 }
 

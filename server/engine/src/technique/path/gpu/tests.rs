@@ -216,7 +216,8 @@ impl Likeness {
             ];
             let limits = [OFF_MAX, OFF_MAX, OFF_MAX, DEPTH_OFF_MAX];
             self.samples += 1;
-            if differences.iter().zip(limits).any(|(off, limit)| *off > limit) {
+            let is_other = a.is_shining != b.is_shining;
+            if is_other || differences.iter().zip(limits).any(|(off, limit)| *off > limit) {
                 self.others += 1;
                 continue;
             }

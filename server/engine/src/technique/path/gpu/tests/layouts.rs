@@ -234,7 +234,7 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             indirect,
             albedo_blue,
             normal,
-            padding_0,
+            is_shining,
         }
     );
     assert_same_layout!(
