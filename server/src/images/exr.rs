@@ -218,6 +218,7 @@ mod tests {
                     albedo: Rgb::new(0.1, 0.2, 0.3),
                     normal: glam::Vec3::NEG_Y,
                     depth_m: 1.0 + x as f32,
+                    is_shining: false,
                 });
             }
         }

@@ -175,7 +175,7 @@ pub(super) fn measure(notebook: &mut Notebook, subjects: &[Subject], cost: &Cost
         for series in peers.iter().filter(|series| series.scene == target.subject.name) {
             curves::peer_curve(notebook, target, series)?;
         }
-        prices::doubt_reference(notebook, &target.subject.name);
+        prices::doubt_reference(notebook, &target.subject.name, target.own_noise_percent());
         prices::tell_what_cannot_be_told(notebook, &target.subject.name, 100.0 * target.least_told());
     }
     prices::front(notebook, subjects)?;

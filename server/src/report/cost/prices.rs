@@ -84,14 +84,22 @@ pub(super) fn tell_what_cannot_be_told(notebook: &mut Notebook, scene: &str, lea
 }
 
 /// Says so where what a scene is compared with can hardly be a picture of it: nothing that was drawn came near, and what is left
-/// is no noise.
-pub(super) fn doubt_reference(notebook: &mut Notebook, scene: &str) {
+/// is no noise. One that was drawn here is a picture of it, and too noisy to say more.
+///
+/// - `own_noise_percent`: of a reference that was drawn here
+pub(super) fn doubt_reference(notebook: &mut Notebook, scene: &str, own_noise_percent: Option<f64>) {
     if let Some(percent) = least_in_common(&rows_of(notebook, scene)).filter(|least| *least > DOUBTED_PERCENT)
     {
-        notebook.warn(format!(
-            "{scene}: all pictures differ from the reference by {percent:.0} % or more that no other seed would remove. Is it a picture of \
-             this scene, as it is now, from its first camera?"
-        ));
+        notebook.warn(match own_noise_percent {
+            Some(noise) => format!(
+                "{scene}: all pictures differ from the reference that was drawn here by {percent:.0} % or more. It has {noise:.0} % of noise \
+                 itself, which hides what they are off by: a longer --time draws a better one."
+            ),
+            None => format!(
+                "{scene}: all pictures differ from the reference by {percent:.0} % or more that no other seed would remove. Is it a \
+                 picture of this scene, as it is now, from its first camera?"
+            ),
+        });
     }
 }
 

@@ -30,6 +30,8 @@ pub(super) struct Target<'a> {
     pub(super) reference: FullReference,
     /// Mean of the reference.
     pub(super) mean: f64,
+    /// Nobody gave one.
+    is_drawn_here: bool,
 }
 
 impl<'a> Target<'a> {
@@ -85,6 +87,7 @@ impl<'a> Target<'a> {
             .map(|(column, cell)| (column.key.to_string(), cell))
             .into())
         })?;
+        let is_drawn_here = given.is_none();
         let reference = match given {
             Some(given) => given,
             None => {
@@ -98,7 +101,13 @@ impl<'a> Target<'a> {
         };
         let pixels = &reference.picture;
         let mean = pixels.iter().map(|pixel| f64::from(pixel.mean())).sum::<f64>() / pixels.len() as f64;
-        Ok((mean > 0.0 && mean.is_finite()).then_some(Target { subject, reference, mean }))
+        let is_lit = mean > 0.0 && mean.is_finite();
+        Ok(is_lit.then_some(Target { subject, reference, mean, is_drawn_here }))
+    }
+
+    /// √relMSE of the noise of a reference that was drawn here.
+    pub(super) fn own_noise_percent(&self) -> Option<f64> {
+        self.reference.noise.filter(|_| self.is_drawn_here).map(|noise| 100.0 * noise)
     }
 
     /// relMSE of the reference's own noise; nothing where nobody has measured it.

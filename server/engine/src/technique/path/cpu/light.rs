@@ -1,0 +1,122 @@
+//! Light that paths find of the lights themselves: by chance where they go, and by sampling a light from every surface that has a density;
+//! each weighed by what the other would have brought.
+
+use super::{Followed, Path, Tracer};
+use crate::{
+    accel::Hit,
+    film::PixelSample,
+    technique::{Guidance, path::Tally},
+    transport::{PathClass, Scatter, Surface, bsdf::LobeValue},
+};
+
+/// Power heuristic for one sample of each of two densities [Veach1997, 9.2.4], safe where squares overflow.
+fn power_heuristic(pdf: f32, other: f32) -> f32 {
+    if pdf >= other {
+        let ratio = other / pdf;
+        1.0 / (1.0 + ratio * ratio)
+    } else {
+        let ratio = pdf / other;
+        ratio * ratio / (1.0 + ratio * ratio)
+    }
+}
+
+impl Tracer<'_> {
+    /// Of what shines around the scene, along the ray that left it.
+    pub(super) fn add_environment(&self, path: &Path<'_>, sample: &mut PixelSample) {
+        let radiance = self.world.environment_radiance(path.ray.direction);
+        if radiance.is_black() {
+            return;
+        }
+        let weight = path.last.as_ref().map_or(1.0, |last| {
+            let light_pdf = self.world.lights().pdf_of_environment(last.n, path.ray.direction);
+            power_heuristic(last.pdf_solid_angle, light_pdf)
+        });
+        sample.radiance[path.class as usize] += path.throughput * radiance * weight;
+    }
+
+    /// Of the surface that the ray met, which may show its colour unlit.
+    pub(super) fn add_emission(
+        &self,
+        path: &Path<'_>,
+        hit: &Hit,
+        surface: &Surface,
+        sample: &mut PixelSample,
+    ) {
+        if path.class == PathClass::Emitted && !surface.unlit.is_black() {
+            sample.radiance[PathClass::Emitted as usize] += path.throughput * surface.unlit;
+        }
+        if surface.emitted.is_black() || self.has_gathered(path, 2) {
+            return;
+        }
+        let weight = path.last.as_ref().map_or(1.0, |last| {
+            let light_pdf = self.world.lights().pdf_of_triangle(
+                last.position,
+                last.n,
+                path.ray.direction,
+                hit.instance,
+                hit.triangle,
+                &surface.point,
+            );
+            power_heuristic(last.pdf_solid_angle, light_pdf)
+        });
+        sample.radiance[path.class as usize] += path.throughput * surface.emitted * weight;
+    }
+
+    /// Light sampling: one light, each lobe weighed by itself.
+    ///
+    /// - `followed`: the rays that go on from here, which light sampling competes with
+    /// - `guidance`: what they are drawn by
+    pub(super) fn add_light_sample(
+        &self,
+        path: &Path<'_>,
+        surface: &Surface,
+        (followed, guidance): (Followed, Option<&Guidance<'_>>),
+        sample: &mut PixelSample,
+        tally: &mut impl Tally,
+    ) {
+        if !surface.bsdf.has_density() {
+            return;
+        }
+        let [choice, u, v, _] = path.sampler.four(2 + 2 * path.bounce);
+        let n = surface.frame.n;
+        let lights = self.world.lights();
+        // Glass bases scatter to the side they are seen from, which the frame's normal need not be on.
+        let facing = if path.ray.direction.dot(n) > 0.0 { -n } else { n };
+        let Some(light) = lights.sample(self.world.accel(), surface.point.position, facing, [choice, u, v])
+        else {
+            return;
+        };
+        let wo = -path.ray.direction;
+        let mut value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
+        if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
+            value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
+        }
+        if value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black() {
+            return;
+        }
+        let Some((radiance, shadow_ray)) = self.world.towards_light(&surface.point, &light) else { return };
+        tally.shadow_ray(&shadow_ray);
+        if self.world.is_occluded(&shadow_ray) {
+            return;
+        }
+        let arriving = path.throughput * radiance * (1.0 / light.pdf) * path.transmittance(&shadow_ray);
+        let mut add = |lobe: &LobeValue, scatter| {
+            let weight = if light.is_delta { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
+            let class = path.class.after(scatter);
+            let (weight, is_wanted) = match followed {
+                Followed::Wanted => {
+                    let is_gathered = scatter == Scatter::Specular && self.has_gathered(path, 1);
+                    (weight, self.settings.traced.contains(class) && !is_gathered)
+                }
+                // Light straight to a glossy lobe is a caustic of the near surface before, and known there.
+                Followed::All => (weight, scatter == Scatter::Diffuse),
+                Followed::Specular => (1.0, scatter == Scatter::Diffuse),
+            };
+            if is_wanted {
+                sample.radiance[class as usize] += arriving * lobe.f_cos * weight;
+            }
+        };
+        add(&value.diffuse, Scatter::Diffuse);
+        add(&value.glossy, Scatter::Specular);
+    }
+}
