@@ -102,9 +102,27 @@ pub(super) struct Pixel {
     pub(super) albedo_sum: Rgb,
     pub(super) normal_sum: Vec3,
     depth_sum_m: f32,
-    hit_count: u32,
-    /// Some sample met what shines by itself, or nothing that hides what shines around the scene.
-    pub(super) is_shining: bool,
+    first_hits: FirstHits,
+}
+
+/// What samples met first, in four bytes: how many met anything, and whether any met what shines by itself or saw past all.
+#[derive(Clone, Copy, Debug, Default)]
+struct FirstHits(u32);
+
+impl FirstHits {
+    const SHINING: u32 = 1 << 31;
+
+    fn add(&mut self, is_hit: bool, is_shining: bool) {
+        self.0 = self.0 + u32::from(is_hit) | if is_shining { Self::SHINING } else { 0 };
+    }
+
+    fn count(self) -> u32 {
+        self.0 & !Self::SHINING
+    }
+
+    fn are_shining(self) -> bool {
+        self.0 & Self::SHINING != 0
+    }
 }
 
 impl Pixel {
@@ -125,11 +143,10 @@ impl Pixel {
             self.add_deviation(value, mean_before, luminance(self.total_mean(held.after_one_more())));
         }
         self.albedo_sum += sample.albedo;
-        self.is_shining |= sample.is_shining;
+        self.first_hits.add(sample.depth_m > 0.0, sample.is_shining);
         if sample.depth_m > 0.0 {
             self.normal_sum += sample.normal;
             self.depth_sum_m += sample.depth_m;
-            self.hit_count += 1;
         }
     }
 
@@ -177,7 +194,15 @@ impl Pixel {
 
     /// Mean depth of the samples that hit; 0 without any.
     pub(super) fn depth_mean_m(&self) -> f32 {
-        if self.hit_count == 0 { 0.0 } else { self.depth_sum_m / self.hit_count as f32 }
+        match self.first_hits.count() {
+            0 => 0.0,
+            count => self.depth_sum_m / count as f32,
+        }
+    }
+
+    /// Some sample met what shines by itself first, or nothing that hides what shines around the scene.
+    pub(super) fn is_shining(&self) -> bool {
+        self.first_hits.are_shining()
     }
 
     /// Variance of the mean luminance; 0 below two passes.

@@ -176,7 +176,7 @@ fn without_noise_nothing_changes() {
     }
 }
 
-/// A lamp in a gloss, which one sample in ten finds, is smoothed; beside it the lamp itself is as sharp as it was, and gives nothing away.
+/// A lamp in a gloss, which one sample in ten finds, is smoothed; beside it the lamp itself stays as sharp as it was.
 #[test]
 fn lamps_in_glosses_are_smoothed_and_lamps_are_not() {
     let is_lamp = |x: u32| x >= 3 * WIDTH / 4;
@@ -191,9 +191,9 @@ fn lamps_in_glosses_are_smoothed_and_lamps_are_not() {
     let gloss = 0..3 * WIDTH / 4;
     let [raw, left] = [&film.radiance(), &image].map(|image| squared_error(image, gloss.clone(), 1.0));
     assert!(left < 0.25 * raw, "{left} of {raw}");
-    assert!(
-        (0..image.len()).all(|index| !is_lamp(index as u32 % WIDTH) || image[index] == Rgb::splat(100.0))
-    );
+    // What the gloss beside it shows may come on top.
+    let is_sharp = |index: usize| !is_lamp(index as u32 % WIDTH) || (image[index].g - 100.0).abs() < 1.0;
+    assert!((0..image.len()).all(is_sharp));
     let layer = Picture::of(&film).denoised(&Denoising::default()).layer(PathClass::Emitted);
     assert!(layer.iter().zip(&image).all(|(layer, all)| (layer.g - all.g).abs() <= 1e-5 * all.g));
 }
