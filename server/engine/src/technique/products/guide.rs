@@ -22,7 +22,7 @@ use crate::math::{Frame, sobol::mix, warp};
 const FLIGHTS_MAX: usize = 1 << 17;
 /// Flights of a leaf at most, unless they ended at one point. Half as many or twice as many change variances by less than chance.
 const LEAF_FLIGHTS_MAX: usize = 256;
-/// Halvings of the tree at most: twice what as many flights need that lie evenly.
+/// Halvings of the tree at most: three times what as many flights need that lie evenly.
 const LEAF_DEPTH_MAX: u32 = 32;
 /// Share of directions that photons draw: what they say wrongly costs at most twice the variance, and what they say rightly takes at least half
 /// of what an even draw has. With three fifths modern-hall lost 15 % by guidance for 10, with two fifths the spots gained a tenth less.
@@ -34,7 +34,8 @@ const EVEN_PHOTONS: f32 = 16.0;
 const CUT_PHOTONS: f32 = 4.0;
 /// Times that it is cut at most. Parts are then 64 × 64, of two degrees: what is smaller leaf by leaf looks different from its ends.
 const CUTS_MAX: u32 = 6;
-/// A leaf says nothing of a surface whose normal is more than 60° off its own: half of what it draws would lie below the horizon.
+/// A leaf says nothing of a surface whose normal is more than 60° off its own: from there on a quarter and more of even light would lie below
+/// its horizon.
 const FACING_COS: f32 = 0.5;
 /// A right angle between normals sets flights apart by as much as so many times the length of where they ended: faces of a box are told
 /// apart before places are, however normals are rounded.
