@@ -113,7 +113,10 @@ impl FirstHits {
     const SHINING: u32 = 1 << 31;
 
     fn add(&mut self, is_hit: bool, is_shining: bool) {
-        self.0 = self.0 + u32::from(is_hit) | if is_shining { Self::SHINING } else { 0 };
+        self.0 += u32::from(is_hit);
+        if is_shining {
+            self.0 |= Self::SHINING;
+        }
     }
 
     fn count(self) -> u32 {
