@@ -23,6 +23,7 @@ fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f
     samples[slot].distance_m = distance_m;
 }
 
+/// Of rays nobody asks that.
 fn note_shining(slot: u32) {}
 
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {

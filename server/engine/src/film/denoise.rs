@@ -5,8 +5,8 @@
 //! apart from level to level. What is filtered is light over albedo, so that textures stay; light seen straight from emitters is left
 //! alone, but not their images in mirrors, glass and glosses. Two pixels count as one by normal, depth beyond the slope of the
 //! surface, albedo, and by how far their light differs, in standard deviations of what is left of the noise at that level.
-//! **Biased**: it blurs light that changes by less than its noise. Consistent: with the samples the deviations fall, and what differs is left apart. The error that is measured of a
-//! picture ([`super::measure_at`]) has that bias in it.
+//! **Biased**: it blurs light that changes by less than its noise. Consistent: with the samples the deviations fall, and what
+//! differs is left apart. The error that is measured of a picture ([`super::measure_at`]) has that bias in it.
 //!
 //! Of the first passes little is known but how light differs around, which is also how reflections differ: those are soft at
 //! first. Every pixel is computed by itself in one order: the same bytes on any number of threads. Twice the

@@ -77,6 +77,8 @@ pub struct Rendering {
     film: Film,
     /// Of the film as it is.
     denoising: Denoising,
+    /// Something scatters diffusely.
+    has_diffuse: bool,
     technique: PathTracer,
     /// Seconds that laying known light out over the picture took by what drew before, of all threads.
     splat_seconds: f64,
@@ -195,6 +197,7 @@ impl Rendering {
             world,
             film: Film::new(size),
             denoising: Denoising::default(),
+            has_diffuse: plan.facts.diffuse > 0,
             technique: tracer(&settings, looked_up, learnt, known),
             splat_seconds: 0.0,
             #[cfg(feature = "gpu")]
@@ -397,9 +400,11 @@ impl Rendering {
         self.splat_seconds + self.technique.splat_seconds()
     }
 
-    /// What takes noise off the film: where its light is, or will be, looked up, and its error is measured with what that blurs in it.
+    /// What takes noise off the film: where its light is, or will be, looked up, and its error is measured with what that blurs in it. Not
+    /// where nothing is diffuse, and so nothing can be looked up, whatever effects are forced on.
     fn denoises(&self) -> Option<Denoising> {
-        (self.is_looked_up() && !self.settings.keeps_noise).then(|| self.denoising.clone())
+        let is_filtered = self.is_looked_up() && self.has_diffuse && !self.settings.keeps_noise;
+        is_filtered.then(|| self.denoising.clone())
     }
 
     /// The picture without path tracing beside it.

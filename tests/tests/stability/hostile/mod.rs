@@ -21,8 +21,8 @@ pub(crate) use self::case::Case;
 pub(crate) use self::check::{Checked, check, on_threads};
 use crate::drawing::{TECHNIQUES, name, techniques};
 
-/// Cases of a run by default, about a minute on two cores, and with `LUMICAST_NIGHTLY=1`.
-const CASES: [u64; 2] = [30, 500];
+/// Cases of a run by default, a minute and a half on two cores, and with `LUMICAST_NIGHTLY=1`.
+const CASES: [u64; 2] = [60, 500];
 /// A case that takes as long hangs: it draws some twenty pictures at most, each of which gives up by itself.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Failures after which a run ends: more say no more.

@@ -123,6 +123,22 @@ struct LastVertex {
     pdf_solid_angle: f32,
 }
 
+impl<'a> Tracer<'a> {
+    /// All paths of rays that need not begin at an eye, with nobody to ask.
+    pub(super) fn of(world: &'a World, settings: PathSettings) -> Tracer<'a> {
+        Tracer {
+            world,
+            view: None,
+            settings,
+            secondary: None,
+            screen: None,
+            caustics: None,
+            near: Near::Blurred,
+            guide: None,
+        }
+    }
+}
+
 /// The ray of one sample of the pixel (`x`, `y`).
 pub(super) fn primary_ray(view: &View, x: u32, y: u32, sampler: &PixelSampler) -> Ray {
     let [dx, dy, ..] = sampler.four(0);

@@ -7,10 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 
-use super::{
-    Counts, FocusedLight, Guide, PathSettings, Tracer, View,
-    cpu::{Near, primary_ray},
-};
+use super::{Counts, FocusedLight, Guide, PathSettings, Tracer, View, cpu::primary_ray};
 use crate::{
     film::{GAUGED_GROUPS, GaugedPixel, PictureSize, PixelSample},
     math::sobol::{self, PixelSampler},
@@ -113,14 +110,10 @@ impl Gauge {
             }
         };
         let tracers = hidden.map(|caustics| Tracer {
-            world,
             view: Some(view),
-            settings: self.settings,
-            secondary: None,
-            screen: None,
             caustics,
-            near: Near::Blurred,
             guide,
+            ..Tracer::of(world, self.settings)
         });
         let width = self.size.width();
         let set = &mut self.sets[index];

@@ -7,6 +7,7 @@
 //! drops light wherever the two disagree (2 % of a Sponza gallery, a third of single bumps of a rough floor), at the
 //! price that a thin sheet with badly bent normals may let light through.
 //! Paths end by Russian roulette once their throughput is small; nothing is clamped.
+//! Where photons tell where light comes from, half of the diffuse directions are drawn by that ([`super::Guide`]).
 //!
 //! With a [`SecondaryLight`] it samples light seen directly and direct light alone and asks that for the rest. Some samples on,
 //! what lies so near that it is lost in the blur shadows what that knows, and is asked in turn for what it sends there instead
@@ -172,14 +173,13 @@ impl Technique for PathTracer {
         let view = canvas.view;
         self.lay_out_for(view, step.products.caustics.is_some());
         let tracer = Tracer {
-            world: step.world,
             view: Some(view),
-            settings: self.settings,
             secondary: self.secondary.as_deref(),
             screen: self.screen.as_ref().and_then(|(_, light)| light.as_deref()),
             caustics: step.products.caustics.as_deref(),
             near: Near::Shadowed,
             guide: self.guide_of_paths(),
+            ..Tracer::of(step.world, self.settings)
         };
         let film = &mut *canvas.film;
         let width = film.size().width();
@@ -219,14 +219,10 @@ impl ArrivingLight for PathTracer {
     ) -> Rgb {
         let secondary = self.secondary.as_deref();
         let tracer = Tracer {
-            world,
-            view: None,
-            settings: self.settings,
             secondary,
-            screen: None,
-            caustics: None,
             near: Near::LookedPast,
             guide: self.guide_of_paths(),
+            ..Tracer::of(world, self.settings)
         };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
         let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
@@ -287,16 +283,7 @@ pub fn rays_of_a_pass(
     size: PictureSize,
     settings: PathSettings,
 ) -> Vec<Vec<Query>> {
-    let tracer = Tracer {
-        world,
-        view: Some(view),
-        settings,
-        secondary: None,
-        screen: None,
-        caustics: None,
-        near: Near::Blurred,
-        guide: None,
-    };
+    let tracer = Tracer { view: Some(view), ..Tracer::of(world, settings) };
     let record = |tile: &mut Tile| {
         let mut queries = Vec::new();
         trace_tile(&tracer, view, tile, size.width(), &mut queries);

@@ -102,14 +102,11 @@ impl Shot {
     fn on_cpu_as(&self, pass: u32, near: Near) -> Pass {
         let view = View::new(&self.world, &self.camera, self.size);
         let tracer = Tracer {
-            world: &self.world,
             view: Some(&view),
-            settings: self.settings,
             secondary: self.known.as_deref(),
-            screen: None,
             caustics: self.focused.as_deref(),
             near,
-            guide: None,
+            ..Tracer::of(&self.world, self.settings)
         };
         let width = self.size.width();
         let (samples, counts): (Vec<_>, Vec<_>) = (0..self.size.pixel_count() as u32)

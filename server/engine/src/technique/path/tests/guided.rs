@@ -11,10 +11,7 @@ use crate::{
     scene::{CameraView, Light, LightKind, Material, Scene, samples},
     technique::{
         Flight, Guide, PhotonProduct, Products, Step, Technique,
-        path::{
-            Counts, PathSettings, Tracer, View,
-            cpu::{Near, primary_ray},
-        },
+        path::{Counts, PathSettings, Tracer, View, cpu::primary_ray},
         photons::{PhotonSettings, PhotonTracing},
     },
     transport::{PathClass, World},
@@ -26,16 +23,7 @@ const SIDE: u32 = 12;
 fn seen(world: &World, guide: Option<&Guide>, runs: u32, passes: u32) -> (Vec<RunningStatistics>, Counts) {
     let view = world.scene().camera_view(None).unwrap();
     let view = View::new(world, &view, PictureSize::new(SIDE, SIDE).unwrap());
-    let tracer = Tracer {
-        world,
-        view: Some(&view),
-        settings: PathSettings::all(None, 3),
-        secondary: None,
-        screen: None,
-        caustics: None,
-        near: Near::Blurred,
-        guide,
-    };
+    let tracer = Tracer { view: Some(&view), guide, ..Tracer::of(world, PathSettings::all(None, 3)) };
     let mut counts = Counts::default();
     let mut found = vec![RunningStatistics::default(); PathClass::ALL.len() + 1];
     for run in 0..runs {

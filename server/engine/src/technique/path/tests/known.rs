@@ -116,16 +116,7 @@ fn mean_seen_as(
     indices: std::ops::Range<u32>,
     rays: impl Fn([f32; 4]) -> Ray,
 ) -> ([f64; 4], u64) {
-    let tracer = Tracer {
-        world,
-        view: None,
-        settings,
-        secondary: Some(secondary),
-        screen: None,
-        caustics: None,
-        near,
-        guide: None,
-    };
+    let tracer = Tracer { secondary: Some(secondary), near, ..Tracer::of(world, settings) };
     let (mut sums, mut counts) = ([0.0; 4], Counts::default());
     for index in indices.clone() {
         let ray = rays(crate::math::sobol::point(5, index));
@@ -260,16 +251,7 @@ fn unlit_surfaces_are_seen_in_mirrors_by_the_last_scattering() {
         let world = World::prepare(Arc::new(stage.finish()));
         let settings = PathSettings::all(Some(1), 0);
         let (secondary, caustics, near) = (None, None, Near::Blurred);
-        let tracer = Tracer {
-            world: &world,
-            view: None,
-            settings,
-            secondary,
-            screen: None,
-            caustics,
-            near,
-            guide: None,
-        };
+        let tracer = Tracer { secondary, caustics, near, ..Tracer::of(&world, settings) };
         let from = world.accel().to_render(v(0.1, 0.2, 0.0));
         let ray = Ray::new(from, Vec3::NEG_Z);
         let sampler = PixelSampler::new(8, 0, 0, 0);
@@ -288,16 +270,7 @@ fn bounds_hold_near_other_surfaces() {
     let settings = PathSettings::all(Some(3), 3).asking();
     let sample = |near| {
         let secondary: Option<&dyn SecondaryLight> = Some(&secondary);
-        let tracer = Tracer {
-            world: &world,
-            view: None,
-            settings,
-            secondary,
-            screen: None,
-            caustics: None,
-            near,
-            guide: None,
-        };
+        let tracer = Tracer { secondary, near, ..Tracer::of(&world, settings) };
         let ray = Ray::new(Vec3::ZERO, Vec3::new(0.6, -0.8, 0.0));
         let sampler = PixelSampler::new(6, 0, 0, 9);
         tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default())
@@ -337,16 +310,7 @@ fn grooves_narrower_than_the_blur_are_dark() {
         |[u, v, ..]: [f32; 4]| Ray::new(Vec3::new(0.03 * (u - 0.5), 0.5, 0.6 * (v - 0.5)), Vec3::NEG_Y);
     let indirect = |near| mean_seen(&world, known.as_ref(), near, 2..30_002, downwards).0[3];
     let whole = PathTracer::new(PathSettings::all(None, 0));
-    let tracer = Tracer {
-        world: &world,
-        view: None,
-        settings: whole.settings,
-        secondary: None,
-        screen: None,
-        caustics: None,
-        near: Near::Blurred,
-        guide: None,
-    };
+    let tracer = Tracer::of(&world, whole.settings);
     let expected = (0..60_000).map(|index| {
         let ray = downwards(crate::math::sobol::point(7, index));
         let sampler = PixelSampler::new(8, 0, 0, index);
@@ -385,16 +349,7 @@ impl SecondaryLight for Traced {
         }
         let ray = surface.point.ray_towards(surface.frame.to_world(drawn.wi));
         let Some(hit) = self.world.closest_hit(&ray) else { return nothing };
-        let tracer = Tracer {
-            world: &self.world,
-            view: None,
-            settings: whole().settings,
-            secondary: None,
-            screen: None,
-            caustics: None,
-            near: Near::Blurred,
-            guide: None,
-        };
+        let tracer = Tracer::of(&self.world, whole().settings);
         let sampler = PixelSampler::new(78, 0, 0, number);
         let sample = tracer.sample_pixel(&ray, Some(hit), &sampler, &mut Counts::default());
         // Light that the surface gets straight from where it is sent out is neither.

@@ -41,16 +41,8 @@ impl Shot {
     }
 
     fn along_on_cpu(&self, rays: &[GatherRay], near: Near) -> Vec<OnCpu> {
-        let tracer = Tracer {
-            world: &self.world,
-            view: None,
-            settings: self.settings,
-            secondary: self.known.as_deref(),
-            screen: None,
-            caustics: None,
-            near,
-            guide: None,
-        };
+        let tracer =
+            Tracer { secondary: self.known.as_deref(), near, ..Tracer::of(&self.world, self.settings) };
         let along = |GatherRay { ray, sampler }: &GatherRay| {
             let mut counts = Counts::default();
             let met = self.world.closest_hit(ray);
