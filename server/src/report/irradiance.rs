@@ -13,7 +13,10 @@ use lumicast_engine::{
         Illumination, IlluminationReport, IlluminationSettings, Indirect, Learner, RecordReport,
         RenderSettings, Rendering, Stage,
     },
-    technique::{SecondaryLight, irradiance::IrradianceSettings},
+    technique::{
+        SecondaryLight,
+        irradiance::{IrradianceSettings, Visits},
+    },
 };
 
 use super::{
@@ -127,7 +130,8 @@ impl Made {
 }
 
 fn with_accuracy(accuracy: f32) -> IrradianceSettings {
-    let mut of = IrradianceSettings { visits: NonZeroU32::MIN, ..IrradianceSettings::default() };
+    let mut of =
+        IrradianceSettings { visits: Visits::exactly(NonZeroU32::MIN), ..IrradianceSettings::default() };
     of.weighing.accuracy = accuracy;
     of
 }
@@ -319,7 +323,7 @@ fn options(notebook: &mut Notebook, subjects: &[Subject], effort: Effort) -> Res
     plain.weighing.has_gradients = false;
     original.weighing.is_smooth = false;
     unclamped.clamps_neighbours = false;
-    refined.visits = IrradianceSettings::default().visits;
+    refined.visits = Visits::exactly(IrradianceSettings::default().visits.least);
     let by_accuracy = ACCURACIES.map(|accuracy| ("usual", with_accuracy(accuracy)));
     let variants = [
         ("no gradients", plain),

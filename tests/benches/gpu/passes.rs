@@ -15,7 +15,7 @@ use lumicast_engine::{
     technique::{
         ArrivingLight, Canvas, Counts, FocusedLight, Products, SecondaryLight, Step, Technique,
         caustics::{CausticSettings, Caustics},
-        irradiance::{IrradianceCaching, IrradianceSettings},
+        irradiance::{IrradianceCaching, IrradianceSettings, Visits},
         path::{
             ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathSettings, PathTracer, View,
             rays_over_a_picture,
@@ -240,7 +240,8 @@ impl Drawing<'_> {
 
     /// As many records of what the view sees as [`RECORDS`], about, gathered once each.
     fn records(&self, known: &Arc<dyn SecondaryLight>) -> Arc<dyn SecondaryLight> {
-        let settings = IrradianceSettings { visits: NonZeroU32::MIN, ..IrradianceSettings::default() };
+        let settings =
+            IrradianceSettings { visits: Visits::exactly(NonZeroU32::MIN), ..IrradianceSettings::default() };
         let arriving = PathTracer::with_secondary(PathSettings::all(None, 0), Arc::clone(known));
         let mut caching = IrradianceCaching::new(settings, Arc::new(arriving), Some(Arc::clone(known)));
         caching.look(0, &self.subject.view, self.size);

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::gpu::{AdapterChoice, Gpu};
 use lumicast_engine::render::{Backend, IlluminationSettings, Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::technique::irradiance::Visits;
 use lumicast_engine::technique::path::GpuScene;
 use lumicast_engine::transport::World;
 
@@ -107,7 +108,7 @@ pub(crate) fn draw(world: &Arc<World>, of: Drawn, effort: &Effort) -> Result<Ren
     light.octree.photon_count = effort.photons;
     light.octree.neighbours_min = NonZeroUsize::new(effort.neighbours).unwrap_or(NonZeroUsize::MIN);
     light.irradiance.ray_count = NonZeroUsize::new(effort.rays).unwrap_or(NonZeroUsize::MIN);
-    light.irradiance.visits = NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN);
+    light.irradiance.visits = Visits::exactly(NonZeroU32::new(2).unwrap_or(NonZeroU32::MIN));
     let view = world.scene().camera_view(None).ok_or("the scene has no camera")?;
     let size = PictureSize::new(effort.side, effort.side).map_err(|error| error.to_string())?;
     let mut rendering = Rendering::learning_by((world.clone(), light), view, size, settings);

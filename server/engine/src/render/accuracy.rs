@@ -164,7 +164,8 @@ impl Rendering {
         let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
             let picture = own_picture(&self.film, denoising.as_ref());
-            self.outlook = Outlook::of((&picture, looked_up), traced, measuring);
+            let light_noise = self.technique.secondary().map_or(0.0, |known| known.noise());
+            self.outlook = Outlook::of((&picture, looked_up, light_noise), traced, measuring);
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             let measured = self.measured_error();
             self.confirm(measured.as_ref());

@@ -45,6 +45,9 @@ const NOISE_SHARE: f32 = 2.0 / 3.0;
 /// Share of the noise that a picture's two halves tell that is surely in its error. Samples of both together are spread better than
 /// those of either: in corners of boxes, after some twenty passes, that noise was 1.3 to 1.4 times all of the error.
 const NOISE_SURE: f64 = 0.4;
+/// Share of the noise of records that is surely in the error of a picture of them: some four answer for each pixel, and what they say is
+/// beside light that is not looked up.
+const LIGHT_NOISE_SURE: f64 = 0.25;
 /// Path-traced passes from which on a further one takes off more than the mean of those before it did.
 const TRACED_TELLING: f64 = 8.0;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
@@ -452,6 +455,8 @@ pub(super) struct Outlook {
     sure_error: f64,
     /// Passes of it, with those from before what is looked up was replaced.
     kept_passes: u32,
+    /// relMSE that the picture surely has by what is known of the light only roughly.
+    light_noise: f64,
     /// relMSE of a single path-traced pass, and how many there are.
     variance: f64,
     traced_passes: u32,
@@ -464,8 +469,9 @@ impl Outlook {
     /// `None` while too little is known.
     ///
     /// - `picture`, `traced`: of looked-up light, and path-traced
+    /// - `light_noise`: of what is looked up; see [`crate::technique::SecondaryLight::noise`]
     pub(super) fn of(
-        (picture, spent): (&Picture<'_>, Spent),
+        (picture, spent, light_noise): (&Picture<'_>, Spent, f64),
         traced: Option<(&Film, Spent)>,
         measuring: &mut Measuring,
     ) -> Option<Outlook> {
@@ -494,6 +500,7 @@ impl Outlook {
             passes,
             error,
             sure_error,
+            light_noise: LIGHT_NOISE_SURE * light_noise,
             kept_passes: spent.passes.max(1),
             variance,
             traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
@@ -508,8 +515,8 @@ impl Outlook {
         let noise = self.noise * (f64::from(self.passes) / f64::from(self.kept_passes)).min(1.0);
         Shortfall {
             noise,
-            floor: (self.error - noise).max(0.0),
-            sure_floor: (self.sure_error - noise).max(0.0),
+            floor: (self.error - noise).max(self.light_noise),
+            sure_floor: (self.sure_error - noise).max(self.light_noise),
         }
     }
 
@@ -627,6 +634,7 @@ mod tests {
             passes: 2,
             error: 0.045,
             sure_error: 0.022,
+            light_noise: 0.0,
             kept_passes: 17,
             variance: 0.31,
             traced_passes: 2,

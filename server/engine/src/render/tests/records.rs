@@ -7,7 +7,7 @@ use crate::{
     scene::CameraView,
     technique::{
         ArrivingLight, Counts,
-        irradiance::{IrradianceCache, IrradianceCaching, IrradianceSettings, Record},
+        irradiance::{IrradianceCache, IrradianceCaching, IrradianceSettings, Record, Visits},
     },
 };
 
@@ -38,7 +38,7 @@ impl ArrivingLight for Motley {
 fn gathering(visits: u32) -> IrradianceSettings {
     IrradianceSettings {
         ray_count: NonZeroUsize::new(100).unwrap(),
-        visits: visits.try_into().unwrap(),
+        visits: Visits::exactly(visits.try_into().unwrap()),
         is_paced: false,
         ..IrradianceSettings::default()
     }

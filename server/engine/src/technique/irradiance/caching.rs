@@ -19,6 +19,7 @@ use rayon::prelude::*;
 
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
+    Visits,
     record::{GatherBy, Gathered},
     sight::Sight,
     walk::{Seen, Walk},
@@ -26,7 +27,7 @@ use super::{
 use crate::{
     accel::TriangleId,
     film::PictureSize,
-    math::Frame,
+    math::{Frame, Rgb},
     scene::CameraView,
     technique::{Edit, Progress, Step, Technique, TouchedBoxes, renamed_instances},
     transport::World,
@@ -85,8 +86,36 @@ struct Place {
     sight: Sight,
     /// How far it counts by itself, before neighbours make it count less far.
     radius_m: f32,
+    visited: Visited,
+}
+
+/// What is known of a record's noise.
+#[derive(Clone, Copy, Debug)]
+struct Visited {
     /// How often light was gathered for it, of the scene as it is and from what is known of it now.
-    visits: u32,
+    count: u32,
+    /// Sum of squared deviations of what each visit found from the mean of all, (W/m²)².
+    squares: f64,
+}
+
+impl Visited {
+    const NEVER: Visited = Visited { count: 0, squares: 0.0 };
+    const ONCE: Visited = Visited { count: 1, squares: 0.0 };
+
+    /// - `before`, `after`: irradiance known before and after the visit, W/m²
+    fn again(self, before: Rgb, after: Rgb) -> Visited {
+        let Visited { count, squares } = self;
+        let moved = f64::from(after.mean()) - f64::from(before.mean());
+        // A mean of n + 1 has moved by a part of n + 1 of what the last is off [Welford1962].
+        let of_count = f64::from(count) * (f64::from(count) + 1.0);
+        Visited { count: count + 1, squares: squares + moved * moved * of_count }
+    }
+
+    /// Squared standard error of the mean of all visits, (W/m²)²; infinite after one.
+    fn variance(self) -> f64 {
+        let count = f64::from(self.count);
+        if self.count > 1 { self.squares / (count * (count - 1.0)) } else { f64::INFINITY }
+    }
 }
 
 /// Records that are found missing together and taken in together, so that they do not depend on how many are made in one step.
@@ -184,7 +213,7 @@ impl IrradianceCaching {
         self.arriving = arriving;
         self.stand_on(base);
         self.batch = None;
-        self.places.iter_mut().for_each(|place| place.visits = 0);
+        self.places.iter_mut().for_each(|place| place.visited = Visited::NEVER);
         // Their light would stay as it is.
         self.cache.rougher = None;
         self.refining = Refining { visits: 0, next: 0 };
@@ -274,7 +303,8 @@ impl IrradianceCaching {
 
     /// What is to be shown: a copy of the records, for others to look things up in.
     pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
-        Arc::new(self.cache.clone())
+        let noise = self.noise();
+        Arc::new(IrradianceCache { noise: if noise.is_finite() { noise } else { 0.0 }, ..self.cache.clone() })
     }
 
     /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
@@ -315,7 +345,7 @@ impl IrradianceCaching {
         let afresh = |place: &Place| {
             let points = [place.seen];
             let mut record = by.gather_all(&points).unwrap().0[0].record;
-            for visit in 1..place.visits {
+            for visit in 1..place.visited.count {
                 record = by.refine_all((&points, &[record]), visit).unwrap().0[0].record;
             }
             record
@@ -346,7 +376,7 @@ impl IrradianceCaching {
         self.relit.is_none()
             && !self.is_preliminary
             && self.next_gaze().is_none()
-            && self.refining.visits >= self.settings.visits.get()
+            && self.refining.visits >= self.visits_max()
     }
 
     /// Whose pixels lack records, beginning with whose turn it is.
@@ -399,7 +429,7 @@ impl IrradianceCaching {
         self.gathered_count += batch.gathered.len() as u64;
         for (seen, Gathered { record, sight }) in batch.places.into_iter().zip(batch.gathered) {
             self.cache.insert(record);
-            self.places.push(Place { seen, sight, radius_m: record.radius_m, visits: 1 });
+            self.places.push(Place { seen, sight, radius_m: record.radius_m, visited: Visited::ONCE });
         }
         // Who looked away, or elsewhere, has no walk that this ends.
         let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
@@ -499,11 +529,8 @@ impl IrradianceCaching {
     /// Gathers once more for the next records of those for which it was done least often.
     fn refine_some(&mut self, step: &Step<'_>) -> Counts {
         let start = Instant::now();
-        let Refining { visits, next } = self.refining;
-        let is_due = |index: &usize| self.places[*index].visits == visits;
         let by = self.gather_by(step.world, step.cancel);
-        let due: Vec<usize> =
-            (next..self.places.len()).filter(is_due).take(self.records_per_step(by)).collect();
+        let (visits, due) = self.due(self.records_per_step(by));
         let points: Vec<Seen> = due.iter().map(|index| self.places[*index].seen).collect();
         let old: Vec<_> = due.iter().map(|index| self.cache.records[*index]).collect();
         let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
@@ -511,17 +538,56 @@ impl IrradianceCaching {
         };
         for (index, Gathered { record, sight }) in due.iter().zip(gathered) {
             let place = &mut self.places[*index];
-            self.cache.records[*index] = record;
+            let before = std::mem::replace(&mut self.cache.records[*index], record).irradiance;
             place.sight = place.sight.union(&sight);
-            place.visits += 1;
+            place.visited = match visits {
+                0 => Visited::ONCE,
+                _ => place.visited.again(before, record.irradiance),
+            };
         }
         self.gathered_count += due.len() as u64;
         self.take_pace(due.len(), start);
         self.refining = match due.last() {
             Some(last) => Refining { visits, next: last + 1 },
-            None => Refining { visits: visits + 1, next: 0 },
+            None => Refining { visits, next: 0 },
         };
         counts
+    }
+
+    /// The next records that are to be visited again, at most so many, and how often each of them was.
+    fn due(&self, count_max: usize) -> (u32, Vec<usize>) {
+        let Refining { visits, mut next } = self.refining;
+        for visits in visits..self.visits_max() {
+            // Asked before each round alone: what records become does not depend on how many are visited in a step.
+            let is_begun = next > 0 || visits < self.settings.visits.least.get();
+            if !is_begun && self.noise() <= f64::from(self.settings.noise).powi(2) {
+                break;
+            }
+            let is_due = |index: &usize| self.places[*index].visited.count == visits;
+            let due: Vec<usize> = (next..self.places.len()).filter(is_due).take(count_max).collect();
+            if !due.is_empty() {
+                return (visits, due);
+            }
+            next = 0;
+        }
+        (self.visits_max(), Vec::new())
+    }
+
+    /// relMSE of the irradiance of all records by chance, as the visits of each differ; infinite while some had only one.
+    fn noise(&self) -> f64 {
+        let irradiance = || self.cache.records.iter().map(|record| f64::from(record.irradiance.mean()));
+        let count = self.places.len().max(1) as f64;
+        let floor = 0.01 * (irradiance().sum::<f64>() / count).powi(2);
+        let off = |(place, irradiance): (&Place, f64)| {
+            let variance = place.visited.variance();
+            if variance > 0.0 { variance / (irradiance * irradiance + floor) } else { 0.0 }
+        };
+        self.places.iter().zip(irradiance()).map(off).sum::<f64>() / count
+    }
+
+    fn visits_max(&self) -> u32 {
+        let Visits { least, most } = self.settings.visits;
+        least.max(most).get()
     }
 
     /// Gathers light of now for the next records that an edit left. All are taken in as if they had just been found, and then what is
@@ -541,7 +607,7 @@ impl IrradianceCaching {
         self.gathered_count += gathered.len() as u64;
         for (index, Gathered { record, sight }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
-            (place.sight, place.radius_m, place.visits) = (sight, record.radius_m, 1);
+            (place.sight, place.radius_m, place.visited) = (sight, record.radius_m, Visited::ONCE);
             relit.insert(record);
         }
         if end < self.places.len() {

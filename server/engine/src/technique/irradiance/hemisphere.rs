@@ -133,9 +133,9 @@ impl<'a> Gathering<'a> {
             plane: Frame::around(facing.n_geo),
             frame,
             strata,
-            hints: guide
-                .and_then(|guide| guide.at(point.position, frame.n))
-                .map(|guidance| Hints::of(&guidance, point.position, &frame, strata)),
+            hints: guide.and_then(|guide| {
+                Hints::of(guide.flights_at(point.position, frame.n), point.position, &frame, strata)
+            }),
             key,
             nearest_m: (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE),
             sent: 0,

@@ -8,7 +8,7 @@
 use glam::{Vec2, Vec3};
 
 use super::Strata;
-use crate::{math::Frame, technique::Guidance};
+use crate::math::Frame;
 
 /// Photons of a cell that say where in it light comes from: of even light one hemisphere in twenty-five has a cell with as many where 192 are
 /// asked, one in four with the most.
@@ -32,13 +32,17 @@ struct Cell {
 }
 
 impl Hints {
-    /// By photons that fell about `p`.
+    /// By photons that fell about `p`; `None` where there are none.
     ///
+    /// - `flights`: where they came from, and their flux, W; see [`crate::technique::Guide::flights_at`]
     /// - `frame`: of the hemisphere
-    pub(super) fn of(guidance: &Guidance<'_>, p: Vec3, frame: &Frame, strata: Strata) -> Hints {
+    pub(super) fn of(flights: &[(Vec3, f32)], p: Vec3, frame: &Frame, strata: Strata) -> Option<Hints> {
+        if flights.is_empty() {
+            return None;
+        }
         let mut cells = vec![Cell::default(); strata.count()];
         let mut all = 0.0;
-        for (from, flux_w) in guidance.flights() {
+        for (from, flux_w) in flights {
             let direction = frame.to_local(*from - p).normalize_or_zero();
             if direction.z <= 0.0 {
                 continue;
@@ -52,7 +56,7 @@ impl Hints {
             all += flux_w;
         }
         cells.iter_mut().for_each(|cell| cell.share /= f32::max(all, f32::MIN_POSITIVE));
-        Hints { cells }
+        Some(Hints { cells })
     }
 
     /// Share of all light that surely comes through a cell: by two standard deviations of how many photons did less than they say.
@@ -106,8 +110,8 @@ mod tests {
             (Vec3::new(1e-3 * number as f32, 0.0, 0.0), from)
         };
         let guide = guide_of(Vec3::Z, (0..96).map(photon));
-        let guidance = guide.at(Vec3::ZERO, Vec3::Z).unwrap();
-        let hints = Hints::of(&guidance, Vec3::ZERO, &frame, strata);
+        let flights = guide.flights_at(Vec3::ZERO, Vec3::Z);
+        let hints = Hints::of(flights, Vec3::ZERO, &frame, strata).unwrap();
         // 64 of 96, less a quarter for chance.
         assert!((hints.share(40) - 0.5).abs() < 1e-6 && hints.share(70) == 0.0);
         for cell in [40, 42, 70] {

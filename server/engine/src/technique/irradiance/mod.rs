@@ -56,7 +56,7 @@ pub struct IrradianceSettings {
     /// Noise of a record's irradiance from which on more rays are not worth their time, a share of it.
     pub noise: f32,
     /// How often light is gathered for a record: once for all, then again for all.
-    pub visits: NonZeroU32,
+    pub visits: Visits,
     /// Records that are found missing together at most: of neighbours among them only one is made.
     pub records_per_batch: NonZeroUsize,
     /// Records kept at most; where there are more, the light falls back on what they are gathered from.
@@ -80,8 +80,25 @@ const PIXELS_GROWTH_MAX: f32 = 2.0;
 /// one floor would ask for records of their own all over.
 const PIXELS_COARSER_MAX: f32 = 2.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
-const VISITS: NonZeroU32 = NonZeroU32::new(4).unwrap();
+const VISITS: Visits = Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap() };
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
+
+/// How often light is gathered for a record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Visits {
+    /// In any case.
+    pub least: NonZeroU32,
+    /// As long as the noise of all together is more than [`IrradianceSettings::noise`]. Not of each by itself: those that by chance never met
+    /// what is bright and small are the quiet ones, and to leave them alone would leave them too dark.
+    pub most: NonZeroU32,
+}
+
+impl Visits {
+    /// As often for each.
+    pub const fn exactly(count: NonZeroU32) -> Visits {
+        Visits { least: count, most: count }
+    }
+}
 
 impl Default for IrradianceSettings {
     fn default() -> IrradianceSettings {
@@ -135,6 +152,8 @@ pub struct IrradianceCache {
     rougher: Option<Arc<IrradianceCache>>,
     /// How often a neighbour has made a record count less far.
     shrunk_count: u64,
+    /// relMSE of what records hold by chance; 0 where that is not known.
+    noise: f64,
 }
 
 static CARD: Card =
@@ -150,6 +169,7 @@ impl IrradianceCache {
             base,
             rougher: None,
             shrunk_count: 0,
+            noise: 0.0,
         }
     }
 
@@ -286,6 +306,10 @@ impl SecondaryLight for IrradianceCache {
 
     fn has_records(&self) -> bool {
         true
+    }
+
+    fn noise(&self) -> f64 {
+        self.noise
     }
 
     fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {

@@ -55,7 +55,11 @@ fn floor(world: &World, x: f32, z: f32) -> SurfacePoint {
 }
 
 pub(super) fn with_rays(count: usize) -> IrradianceSettings {
-    IrradianceSettings { ray_count: NonZeroUsize::new(count).unwrap(), ..IrradianceSettings::default() }
+    IrradianceSettings {
+        ray_count: NonZeroUsize::new(count).unwrap(),
+        visits: Visits::exactly(VISITS.least),
+        ..IrradianceSettings::default()
+    }
 }
 
 fn record(world: &World, x: f32, z: f32, n: Vec3, rays: usize, arriving: &dyn ArrivingLight) -> Record {

@@ -61,6 +61,10 @@ impl SecondaryLight for Dimmed {
         self.light.has_caustics()
     }
 
+    fn noise(&self) -> f64 {
+        self.light.noise()
+    }
+
     fn has_records(&self) -> bool {
         self.light.has_records()
     }

@@ -34,6 +34,11 @@ const EVEN_PHOTONS: f32 = 16.0;
 const CUT_PHOTONS: f32 = 4.0;
 /// Times that it is cut at most. Parts are then 64 × 64, of two degrees: what is smaller leaf by leaf looks different from its ends.
 const CUTS_MAX: u32 = 6;
+/// Light is even where the mean square of its density over that of the cosine, with the part of it that chance makes taken off, is less: at
+/// best a direction drawn by it would have so much less variance, and paths do better without asking.
+const EVEN_SQUARE: f32 = 1.3;
+/// Parts along the sides of the hemisphere's square that it is told by.
+const EVEN_PARTS: usize = 8;
 /// A leaf says nothing of a surface whose normal is more than 60° off its own: from there on a quarter and more of even light would lie below
 /// its horizon.
 const FACING_COS: f32 = 0.5;
@@ -63,6 +68,8 @@ enum Node {
         axis: Axis,
         at: f32,
         above: u32,
+        /// In all below: paths need go no further.
+        is_even: bool,
     },
     Leaf(u32),
 }
@@ -121,8 +128,8 @@ impl Flight {
 #[derive(Clone, Copy, Debug)]
 struct Leaf {
     frame: Frame,
-    /// Of its quarters, those of the whole hemisphere.
-    whole: u32,
+    /// Of its quarters, those of the whole hemisphere; `None` where light is even.
+    whole: Option<u32>,
     /// Its flights: first and end.
     told: [u32; 2],
     /// Where it answers: around where they ended, as far again.
@@ -142,8 +149,10 @@ struct Quarters {
 /// Where light comes from around one place.
 #[derive(Clone, Copy, Debug)]
 pub struct Guidance<'a> {
-    guide: &'a Guide,
-    leaf: &'a Leaf,
+    quarters: &'a [Quarters],
+    frame: &'a Frame,
+    /// The whole hemisphere's.
+    whole: u32,
 }
 
 impl Guide {
@@ -168,20 +177,24 @@ impl Guide {
             + self.told.len() * size_of::<(Vec3, f32)>()
     }
 
-    /// Adds a node of some flights, and all below it.
-    fn sort(&mut self, flights: &mut [Flight], depth_left: u32) {
+    /// Adds a node of some flights, and all below it; returns whether light is even in all of it.
+    fn sort(&mut self, flights: &mut [Flight], depth_left: u32) -> bool {
         let halves = (flights.len() > LEAF_FLIGHTS_MAX && depth_left > 0).then(|| halve(flights)).flatten();
         let Some((axis, at, below)) = halves else {
             self.nodes.push(Node::Leaf(self.leaves.len() as u32));
             let leaf = self.leaf_of(flights);
-            return self.leaves.push(leaf);
+            let is_even = leaf.whole.is_none();
+            self.leaves.push(leaf);
+            return is_even;
         };
         let (below, above) = flights.split_at_mut(below);
         let node = self.nodes.len();
-        self.nodes.push(Node::Halved { axis, at, above: 0 });
-        self.sort(below, depth_left - 1);
-        self.nodes[node] = Node::Halved { axis, at, above: self.nodes.len() as u32 };
-        self.sort(above, depth_left - 1);
+        self.nodes.push(Node::Halved { axis, at, above: 0, is_even: false });
+        let is_even_below = self.sort(below, depth_left - 1);
+        let place_above = self.nodes.len() as u32;
+        let is_even = self.sort(above, depth_left - 1) && is_even_below;
+        self.nodes[node] = Node::Halved { axis, at, above: place_above, is_even };
+        is_even
     }
 
     fn leaf_of(&mut self, flights: &[Flight]) -> Leaf {
@@ -212,7 +225,7 @@ impl Guide {
         let reach = Vec3::splat((high - low).length());
         Leaf {
             frame,
-            whole: self.cut(&mut seen, (Vec2::ZERO, 1.0), CUTS_MAX),
+            whole: (!is_even(&seen)).then(|| self.cut(&mut seen, (Vec2::ZERO, 1.0), CUTS_MAX)),
             told,
             low: low - reach,
             high: high + reach,
@@ -245,23 +258,55 @@ impl Guide {
         place as u32
     }
 
-    /// Where light comes from at `p`, if anything is known of surfaces thereabouts that face like `n`.
+    /// Where light comes from at `p`, if anything is known of surfaces thereabouts that face like `n` and it is not even.
     pub fn at(&self, p: Vec3, n: Vec3) -> Option<Guidance<'_>> {
+        let leaf = self.leaf_at(p, n, |is_even| is_even)?;
+        Some(Guidance { quarters: &self.quarters, frame: &leaf.frame, whole: leaf.whole? })
+    }
+
+    /// Where flights began that ended about `p` on surfaces that face like `n`, in render space, and their flux, W.
+    pub fn flights_at(&self, p: Vec3, n: Vec3) -> &[(Vec3, f32)] {
+        let told = self.leaf_at(p, n, |_| false).map_or([0, 0], |leaf| leaf.told);
+        &self.told[told[0] as usize..told[1] as usize]
+    }
+
+    /// The leaf that answers there.
+    ///
+    /// - `ends`: whether below a node nothing is of use, by whether light is even in all of it
+    fn leaf_at(&self, p: Vec3, n: Vec3, ends: impl Fn(bool) -> bool) -> Option<&Leaf> {
         let mut place = 0;
         loop {
             match self.nodes[place] {
-                Node::Halved { axis, at, above } => {
+                Node::Halved { is_even, .. } if ends(is_even) => return None,
+                Node::Halved { axis, at, above, .. } => {
                     place = if axis.of(p, n) < at { place + 1 } else { above as usize };
                 }
                 Node::Leaf(leaf) => {
                     let leaf = &self.leaves[leaf as usize];
                     let is_near = p.cmpge(leaf.low).all() && p.cmple(leaf.high).all();
                     let is_alike = leaf.frame.n.dot(n) > FACING_COS;
-                    return (is_near && is_alike).then_some(Guidance { guide: self, leaf });
+                    return (is_near && is_alike).then_some(leaf);
                 }
             }
         }
     }
+}
+
+/// Photons say no more of where light comes from than the cosine does.
+///
+/// - `seen`: places on the hemisphere's square, and how many photons each stands for
+fn is_even(seen: &[(Vec2, f32)]) -> bool {
+    let mut parts = [0.0f32; EVEN_PARTS * EVEN_PARTS];
+    let (mut all, mut alone) = (0.0, 0.0);
+    for (at, weight) in seen {
+        let [x, y] = (*at * EVEN_PARTS as f32).to_array().map(|at| (at as usize).min(EVEN_PARTS - 1));
+        parts[y * EVEN_PARTS + x] += weight;
+        all += weight;
+        alone += weight * weight;
+    }
+    // Pairs of two photons in one part: of each with itself chance alone makes as many.
+    let paired: f32 = parts.iter().map(|weight| weight * weight).sum::<f32>() - alone;
+    paired * (parts.len() as f32) <= EVEN_SQUARE * (all * all - alone)
 }
 
 /// Sorts flights into two by what sets them apart most: what that is, where the second begins, and with which of them. `None` where all lie
@@ -298,12 +343,6 @@ fn halve(flights: &mut [Flight]) -> Option<(Axis, f32, usize)> {
 }
 
 impl Guidance<'_> {
-    /// Where flights began that ended about there, in render space, and their flux, W.
-    pub fn flights(&self) -> &[(Vec3, f32)] {
-        let [first, end] = self.leaf.told;
-        &self.guide.told[first as usize..end as usize]
-    }
-
     /// Density of drawing `wi` by the cosine or, with the chance of [`GUIDED_SHARE`], by photons, over that by the cosine alone.
     ///
     /// - `wi`: a unit vector
@@ -317,15 +356,15 @@ impl Guidance<'_> {
 
     /// Density of [`Guidance::draw`], 1/sr.
     fn density(&self, wi: Vec3) -> f32 {
-        let direction = self.leaf.frame.to_local(wi);
+        let direction = self.frame.to_local(wi);
         if direction.z <= 0.0 {
             return 0.0;
         }
         let mut at = warp::square_of_hemisphere(direction);
         let mut density = warp::cosine_hemisphere_pdf(direction.z);
-        let mut place = self.leaf.whole;
+        let mut place = self.whole;
         loop {
-            let quarters = &self.guide.quarters[place as usize];
+            let quarters = &self.quarters[place as usize];
             at *= 2.0;
             let outer = at.cmpge(Vec2::ONE);
             at -= Vec2::select(outer, Vec2::ONE, Vec2::ZERO);
@@ -343,9 +382,9 @@ impl Guidance<'_> {
     /// - `u`: from 0 to 1
     pub fn draw(&self, u: Vec2) -> Vec3 {
         let (mut u, mut low, mut side) = (u, Vec2::ZERO, 1.0);
-        let mut place = self.leaf.whole;
+        let mut place = self.whole;
         loop {
-            let quarters = &self.guide.quarters[place as usize];
+            let quarters = &self.quarters[place as usize];
             let [a, b, c, d] = quarters.shares;
             let (is_right, x) = part(u.x, a + c, b + d);
             let (is_upper, y) = if is_right { part(u.y, b, d) } else { part(u.y, a, c) };
@@ -354,7 +393,7 @@ impl Guidance<'_> {
             low += side * Vec2::new(f32::from(u8::from(is_right)), f32::from(u8::from(is_upper)));
             place = quarters.cut[usize::from(is_right) + 2 * usize::from(is_upper)];
             if place == 0 {
-                return self.leaf.frame.to_world(warp::cosine_hemisphere((low + side * u).to_array()));
+                return self.frame.to_world(warp::cosine_hemisphere((low + side * u).to_array()));
             }
         }
     }

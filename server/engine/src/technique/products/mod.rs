@@ -127,6 +127,12 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
         false
     }
 
+    /// relMSE of the light at the single points that it was gathered at, by the chance of the rays that gathered it; 0 where that is not
+    /// known.
+    fn noise(&self) -> f64 {
+        0.0
+    }
+
     /// What answers where it knows nothing.
     fn base(&self) -> Option<&Arc<dyn SecondaryLight>> {
         None

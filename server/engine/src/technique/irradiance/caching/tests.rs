@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     accel::SurfacePoint,
-    math::{Rgb, sobol::point},
+    math::sobol::point,
     scene::{Material, Projection, samples},
     technique::Products,
 };
@@ -139,7 +139,7 @@ fn views_come_and_go() {
             assert_eq!(covered(&caching, &world, camera, size), 1.0, "{pause}");
         }
         let (records, gathered) = (caching.cache().records().len() as u64, caching.gathered_count());
-        let visits = u64::from(IrradianceSettings::default().visits.get());
+        let visits = u64::from(with_rays(40).visits.least.get());
         assert_eq!(gathered, visits * records, "{pause}");
     }
 }
@@ -177,6 +177,47 @@ fn a_full_cache_makes_room_once() {
         let share = covered(&caching, &world, &cameras[1], size);
         assert!(share > if records_max == needed { 0.9 } else { 0.2 }, "{share} of {records_max}");
     }
+}
+
+/// Light is gathered for records until all together are known well enough: where it comes from all around as often as in any case, where
+/// most comes from a spot that rays seldom meet more often, each as often as the others, however quiet it is. What is then told of the noise
+/// is what there is, and the mean is right.
+#[test]
+fn noisy_records_are_visited_until_they_are_known() {
+    let world = room();
+    let camera = two_cameras(&world)[0];
+    let of = |spot: f32, noise: f32| {
+        let painted = move |p: Vec3| Rgb::WHITE * if (p - Vec3::ONE).length() < 0.3 { spot } else { 1.0 };
+        let visits = Visits { most: 24.try_into().unwrap(), ..with_rays(40).visits };
+        let settings = IrradianceSettings { visits, noise, ..with_rays(40) };
+        let mut caching = IrradianceCaching::new(settings, Arc::new(Painted(painted)), None);
+        caching.look(0, &camera, PictureSize::new(32, 24).unwrap());
+        finish(&mut caching, &world);
+        let counts: Vec<u32> = caching.places.iter().map(|place| place.visited.count).collect();
+        assert!(counts.iter().all(|count| *count == counts[0]), "{counts:?}");
+        assert_eq!(caching.gathered_count(), u64::from(counts[0]) * counts.len() as u64);
+        (caching, counts[0])
+    };
+    assert_eq!([0.03, 1e-4].map(|noise| of(1.0, noise).1), [4, 4], "without noise");
+    assert_eq!(of(100.0, 0.01).1, 24);
+    let (caching, visits) = of(100.0, 0.25);
+    assert!((5..24).contains(&visits) && caching.noise() <= 0.0625, "{visits}: {}", caching.noise());
+    let settings = IrradianceSettings { seed: 77, ..caching.cache.settings };
+    let never = std::sync::atomic::AtomicBool::new(false);
+    let by = GatherBy { settings: &settings, ..caching.gather_by(&world, &never) };
+    let [mut found, mut told, mut all, mut again] = [0.0; 4];
+    for (place, record) in caching.places.iter().zip(caching.cache().records()) {
+        let points = [place.seen];
+        let mut other = by.gather_all(&points).unwrap().0[0].record;
+        for visit in 1..visits {
+            other = by.refine_all((&points, &[other]), visit).unwrap().0[0].record;
+        }
+        let [here, there] = [record, &other].map(|record| f64::from(record.irradiance.mean()));
+        (found, told) = (found + (here - there).powi(2), told + 2.0 * place.visited.variance());
+        (all, again) = (all + here, again + there);
+    }
+    assert!((0.5..2.0).contains(&(found / told)), "{found} of {told}");
+    assert!((all - again).abs() < 3.0 * found.sqrt(), "{all} for {again}");
 }
 
 /// Pixels of a view for which neither records nor rougher ones answer.
@@ -217,7 +258,7 @@ fn accuracy_changes_without_gathering_anew() {
     assert!(2 * finer.len() > 3 * first.len(), "{} after {}", finer.len(), first.len());
     assert!(first.iter().zip(&finer).all(|(before, now)| light(before) == light(now)));
     assert_eq!(covered(&caching, &world, &camera, size), 1.0);
-    let visits = u64::from(settings.visits.get());
+    let visits = u64::from(settings.visits.least.get());
     assert_eq!(caching.gathered_count(), visits * finer.len() as u64);
 
     let gathered = caching.gathered_count();

@@ -88,9 +88,6 @@ impl Tracer<'_> {
         };
         let wo = -path.ray.direction;
         let mut value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
-        if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
-            value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
-        }
         if value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black() {
             return;
         }
@@ -98,6 +95,9 @@ impl Tracer<'_> {
         tally.shadow_ray(&shadow_ray);
         if self.world.is_occluded(&shadow_ray) {
             return;
+        }
+        if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
+            value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
         }
         let arriving = path.throughput * radiance * (1.0 / light.pdf) * path.transmittance(&shadow_ray);
         let mut add = |lobe: &LobeValue, scatter| {

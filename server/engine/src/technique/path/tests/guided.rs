@@ -110,8 +110,9 @@ fn misled_paths_keep_the_white_furnace() {
     for (name, material) in [("lambert", Material::lambert(Rgb::WHITE)), ("half glass", half_glass)] {
         let world = World::prepare(Arc::new(in_white_surroundings(material)));
         for side in [Vec3::Z, Vec3::new(0.9, 0.1, 0.3), Vec3::NEG_X] {
-            let guide = one_sided(side.normalize(), |to| to);
-            assert!(guide.at(Vec3::Z, Vec3::Z).is_some());
+            let side = side.normalize();
+            let guide = one_sided(side, |to| to);
+            assert!(guide.at(side, side).is_some());
             let (found, _) = seen(&world, Some(&guide), 24, 16);
             let all = found.last().unwrap();
             let off = (all.mean() - 1.0).abs();

@@ -56,17 +56,31 @@ fn directions_are_drawn_by_their_density() {
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
 }
 
-/// Of even light photons draw about as the cosine does, and so they do of one bright photon among many faint ones.
+/// Of even light photons say nothing, and little of one bright photon among many faint ones, nor of light that is nearly even.
 #[test]
 fn chance_and_single_photons_say_little() {
     let even = |number: u32| {
         let [_, _, u, v] = point(5, number);
         (on_floor(number), on_floor(number) + warp::cosine_hemisphere([u, v]))
     };
-    let of_chance = guide_of(Vec3::Z, (0..1000).map(even));
+    for count in [1, 2, 100, 1000, 20_000] {
+        let guide = guide_of(Vec3::Z, (0..count).map(even));
+        assert!(
+            guide.quarters.is_empty() && guide.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).is_none(),
+            "{count}"
+        );
+        assert_eq!(guide.told.len(), count as usize, "{count}");
+    }
+    // A quarter of it comes from an eighth of the hemisphere.
+    let uneven = |number: u32| {
+        let [_, _, u, v] = point(5, number);
+        let from = warp::cosine_hemisphere([if number.is_multiple_of(4) { 0.125 * u } else { u }, v]);
+        (on_floor(number), on_floor(number) + from)
+    };
+    let of_chance = guide_of(Vec3::Z, (0..1000).map(uneven));
     let faint = |number: u32| {
-        let (to, from) = even(number);
-        let flux_w = if number == 7 { 1e6 } else { 1.0 };
+        let (to, from) = uneven(number);
+        let flux_w = if number == 4 { 1e6 } else { 1.0 };
         Flight { from, to, normal: Vec3::Z, flux_w }
     };
     let of_one = Guide::of((0..200).map(faint).collect()).unwrap();
@@ -111,7 +125,7 @@ fn every_place_and_side_has_photons_of_its_own() {
         let guidance = guide.at(p, n).unwrap();
         // Those of other places began elsewhere.
         let began = |told: Vec3| (told - p).distance(from) < 1.5;
-        assert!(guidance.flights().iter().all(|(told, _)| began(*told)), "{p} {n}");
+        assert!(guide.flights_at(p, n).iter().all(|(told, _)| began(*told)), "{p} {n}");
         let many = (0..1000).filter(|number| {
             let [u, v, ..] = point(19, *number);
             guidance.draw(Vec2::new(u, v)).dot(from.normalize()) > 0.99
@@ -135,8 +149,8 @@ fn planes_below_others_are_halved_too() {
         (to, to + if height > 0.0 { side(number) } else { Vec3::new(0.9, 0.0, 0.1) })
     };
     let guide = guide_of(Vec3::Z, (0..20_000).map(photon));
-    let guidance = guide.at(Vec3::new(1.0, 1.0, 0.0), Vec3::Z).unwrap();
-    assert!(guidance.leaf.high.x - guidance.leaf.low.x < 2.0, "{:?}", guidance.leaf);
+    let leaf = guide.leaf_at(Vec3::new(1.0, 1.0, 0.0), Vec3::Z, |_| false).unwrap();
+    assert!(leaf.high.x - leaf.low.x < 2.0, "{leaf:?}");
     assert!(guide.leaves.len() > 20_000 / LEAF_FLIGHTS_MAX, "{}", guide.leaves.len());
     let short = 0.999_999_9;
     let on_edge = |number: u32| {
@@ -147,7 +161,7 @@ fn planes_below_others_are_halved_too() {
     };
     let guide = Guide::of((0..4000).map(on_edge).collect()).unwrap();
     for (p, n) in [(Vec3::new(0.02, 0.5, 0.0), Vec3::Z), (Vec3::new(0.0, 0.5, 0.02), Vec3::X)] {
-        assert!(guide.at(p, n).unwrap().leaf.frame.n.dot(n) > 0.99, "{p} {n}");
+        assert!(guide.leaf_at(p, n, |_| false).unwrap().frame.n.dot(n) > 0.99, "{p} {n}");
     }
 }
 
@@ -156,7 +170,7 @@ fn planes_below_others_are_halved_too() {
 fn odd_photons_are_sorted_too() {
     let one = guide_of(Vec3::Z, (0..10_000).map(|_| (Vec3::ONE, Vec3::ONE + Vec3::Z)));
     let guidance = one.at(Vec3::ONE, Vec3::Z).unwrap();
-    assert_eq!(guidance.flights().len(), LEAF_FLIGHTS_MAX);
+    assert_eq!(one.flights_at(Vec3::ONE, Vec3::Z).len(), LEAF_FLIGHTS_MAX);
     assert!(guidance.draw(Vec2::ONE).is_normalized() && guidance.density(Vec3::Z).is_finite());
     assert!(guidance.ratio(Vec3::X, 0.0).is_finite());
     // Each ten times as far as the one before.

@@ -13,7 +13,7 @@ use crate::{
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
     render::{Backend, BackendTrial, IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::samples,
-    technique::{Arrived, ArrivingLight, GatherRay, path::cpu::Near},
+    technique::{Arrived, ArrivingLight, GatherRay, irradiance::Visits, path::cpu::Near},
 };
 
 /// Rays from each point that a pixel sees.
@@ -161,7 +161,7 @@ fn by_records(shot: &Shot, scene: Option<&Arc<GpuScene>>, mut step: impl FnMut(&
     of.photons.emitted_count = 80_000;
     of.octree.photon_count = 80_000;
     of.octree.depth = 5;
-    of.irradiance.visits = NonZeroU32::new(2).unwrap();
+    of.irradiance.visits = Visits::exactly(NonZeroU32::new(2).unwrap());
     // As on a card.
     of.irradiance.records_per_batch = NonZeroUsize::new(1_000).unwrap();
     let mut rendering =

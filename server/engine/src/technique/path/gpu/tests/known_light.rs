@@ -6,7 +6,7 @@ use super::*;
 use crate::{
     render::{Illumination, IlluminationSettings, RenderSettings},
     scene::samples,
-    technique::irradiance::{IrradianceCaching, IrradianceSettings},
+    technique::irradiance::{IrradianceCaching, IrradianceSettings, Visits},
 };
 
 /// Both look up the same packed lights: only sums of theirs round differently.
@@ -148,7 +148,7 @@ pub(super) fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
     let octree = shot.known.clone().unwrap();
     let settings = IrradianceSettings {
         ray_count: NonZeroUsize::new(60).unwrap(),
-        visits: NonZeroU32::MIN,
+        visits: Visits::exactly(NonZeroU32::MIN),
         is_paced: false,
         ..IrradianceSettings::default()
     };
