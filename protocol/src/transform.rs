@@ -1,6 +1,6 @@
 //! Where a node stands relative to its parent: a matrix, or translation, rotation and scale, as in glTF 2.0.
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
 
 /// The transform `parent_from_node`: one of the two forms of glTF.
 ///
@@ -81,10 +81,20 @@ struct Fields {
     matrix: Option<[f64; 16]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     translation: Option<[f64; 3]>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "quaternion")]
     rotation: Option<[f64; 4]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     scale: Option<[f64; 3]>,
+}
+
+/// Says what a rotation is where it is something else: three numbers are angles to many.
+fn quaternion<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 4]>, D::Error> {
+    let Some(numbers) = Option::<Vec<f64>>::deserialize(deserializer)? else { return Ok(None) };
+    let four = numbers.try_into().map_err(|numbers: Vec<f64>| {
+        let count = numbers.len();
+        D::Error::custom(format!("a rotation is a unit quaternion [x, y, z, w] of 4 numbers, not {count}"))
+    })?;
+    Ok(Some(four))
 }
 
 impl TryFrom<Fields> for Transform {
@@ -124,6 +134,18 @@ impl From<Transform> for Fields {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rotations_that_are_none_are_told_what_they_are() {
+        let of = |rotation: &str| serde_json::from_str::<Transform>(&format!(r#"{{"rotation":{rotation}}}"#));
+        assert_eq!(of("[0,0,0,1]").unwrap(), Transform::IDENTITY);
+        assert_eq!(of("null").unwrap(), Transform::IDENTITY);
+        for wrong in ["[0,90,0]", "[]", "[0,0,0,1,0]"] {
+            let told = of(wrong).unwrap_err().to_string();
+            assert!(told.contains("unit quaternion [x, y, z, w] of 4 numbers, not "), "{told}");
+        }
+        assert!(of("[0,0,\"up\",1]").is_err() && of("1").is_err());
+    }
 
     #[test]
     fn parts_and_matrix_are_two_spellings_of_one_transform() {

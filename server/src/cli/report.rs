@@ -33,7 +33,7 @@ pub(super) struct ReportArgs {
     )]
     pub(super) indirect: Vec<Indirect>,
     /// How long each picture is drawn: 8s, 1m; 0.25s at least
-    #[arg(long, value_name = "DURATION", default_value = "8s", value_parser = parse_duration)]
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, default_value = "8s", value_parser = parse_duration)]
     pub(super) time: Duration,
     /// Other renderers' pictures by the clock, to stand beside ours:
     /// {"peer": NAME, "scene": NAME, "points": [{"t": SECONDS, "exr": FILE}]} or a list of such; may be given several times

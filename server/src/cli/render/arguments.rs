@@ -43,7 +43,7 @@ pub struct RenderArgs {
     pub indirect: Indirect,
     /// Stop after this long, such as 10s, 500ms, 2m; counts everything but reading the scene. Every pixel gets
     /// one sample in any case
-    #[arg(long, value_name = "DURATION", value_parser = parse_duration)]
+    #[arg(long, value_name = "DURATION", allow_hyphen_values = true, value_parser = parse_duration)]
     pub time: Option<Duration>,
     /// Stop at this error (√relMSE, measured, the upper end of its 95 % interval not a tenth above, and found so again at
     /// pixels taken afresh), as a share or in percent: 0.02 or 2%. octree and irradiance stop above it where it is less than they can reach
