@@ -45,8 +45,7 @@ const NOISE_SHARE: f32 = 2.0 / 3.0;
 /// Share of the noise that a picture's two halves tell that is surely in its error. Samples of both together are spread better than
 /// those of either: in corners of boxes, after some twenty passes, that noise was 1.3 to 1.4 times all of the error.
 const NOISE_SURE: f64 = 0.4;
-/// Share of the noise of records that is surely in the error of a picture of them: some four answer for each pixel, and what they say is
-/// beside light that is not looked up.
+/// Share of the noise of records that is surely left where their light is shown: some four answer for each pixel.
 const LIGHT_NOISE_SURE: f64 = 0.25;
 /// Path-traced passes from which on a further one takes off more than the mean of those before it did.
 const TRACED_TELLING: f64 = 8.0;
@@ -316,6 +315,17 @@ impl Measuring {
     }
 }
 
+/// relMSE of a picture for each of the indirect light in it.
+fn looked_up_share(film: &Film) -> f64 {
+    let shown = film.radiance();
+    let mean = shown.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / shown.len() as f64;
+    let share = |(all, indirect): (&Rgb, &Rgb)| {
+        let [all, indirect] = [all, indirect].map(|colour| f64::from(colour.mean()).powi(2));
+        if indirect > 0.0 { indirect / (all + 0.01 * mean * mean) } else { 0.0 }
+    };
+    shown.iter().zip(&film.layer(PathClass::Indirect)).map(share).sum::<f64>() / shown.len() as f64
+}
+
 /// Where a film of looked-up light may be wrong or is hard to know, as a chance for each pixel: by its noise, and where there are
 /// caustics, whose shapes are blurred, and at edges, in corners and beneath things, where what is known of the light changes
 /// within less than it resolves.
@@ -426,6 +436,8 @@ pub(super) struct Shortfall {
     pub(super) floor: f64,
     /// What it surely takes off: the measure may have met the few pixels that are wrong.
     pub(super) sure_floor: f64,
+    /// What learning surely takes off, whatever of it the measure has met; see [`Outlook::light_noise`].
+    pub(super) light_noise: f64,
 }
 
 impl Shortfall {
@@ -434,8 +446,8 @@ impl Shortfall {
     /// error.
     pub(super) fn learning_share(&self) -> f64 {
         let noise = self.noise.max(f64::MIN_POSITIVE);
-        let most = (self.sure_floor / noise).max(1.0);
-        (self.floor / noise).min(most)
+        let most = (self.sure_floor.max(self.light_noise) / noise).max(1.0);
+        (self.floor.max(self.light_noise) / noise).min(most)
     }
 }
 
@@ -455,7 +467,7 @@ pub(super) struct Outlook {
     sure_error: f64,
     /// Passes of it, with those from before what is looked up was replaced.
     kept_passes: u32,
-    /// relMSE that the picture surely has by what is known of the light only roughly.
+    /// relMSE that the picture surely has by chance in what is looked up: no more than all of it.
     light_noise: f64,
     /// relMSE of a single path-traced pass, and how many there are.
     variance: f64,
@@ -500,7 +512,7 @@ impl Outlook {
             passes,
             error,
             sure_error,
-            light_noise: LIGHT_NOISE_SURE * light_noise,
+            light_noise: (LIGHT_NOISE_SURE * looked_up_share(film) * light_noise).min(error),
             kept_passes: spent.passes.max(1),
             variance,
             traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
@@ -515,8 +527,9 @@ impl Outlook {
         let noise = self.noise * (f64::from(self.passes) / f64::from(self.kept_passes)).min(1.0);
         Shortfall {
             noise,
-            floor: (self.error - noise).max(self.light_noise),
-            sure_floor: (self.sure_error - noise).max(self.light_noise),
+            floor: (self.error - noise).max(0.0),
+            sure_floor: (self.sure_error - noise).max(0.0),
+            light_noise: self.light_noise,
         }
     }
 
@@ -607,9 +620,28 @@ impl Films {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::film::PixelSample;
 
     fn share(noise: f64, floor: f64, sure_floor: f64) -> f64 {
-        Shortfall { noise, floor, sure_floor }.learning_share()
+        Shortfall { noise, floor, sure_floor, light_noise: 0.0 }.learning_share()
+    }
+
+    /// What is known of records says how much there is to learn where the measure has not met it; what looks lit by lamps has little of it.
+    #[test]
+    fn known_noise_of_records_is_learnt_away() {
+        let of = |light_noise| Shortfall { noise: 1e-3, floor: 1e-4, sure_floor: 0.0, light_noise };
+        assert!((of(0.0).learning_share() - 0.1).abs() < 1e-12);
+        assert!((of(3e-3).learning_share() - 3.0).abs() < 1e-12);
+        let mut film = Film::new(PictureSize::new(2, 1).unwrap());
+        film.tiles_mut()[0].add_pass(|x, _| {
+            let indirect = if x == 0 { 1.0 } else { 0.0 };
+            let mut sample = PixelSample::BLACK;
+            sample.radiance[PathClass::Indirect as usize] = Rgb::WHITE * indirect;
+            sample.radiance[PathClass::Direct as usize] = Rgb::WHITE * (2.0 - indirect);
+            sample
+        });
+        // A quarter of one pixel's square, of two.
+        assert!((looked_up_share(&film) - 0.125).abs() < 0.002, "{}", looked_up_share(&film));
     }
 
     /// What is not known is learnt as far as it is the larger error; more than half of the work goes into it only if that is sure.

@@ -1,7 +1,7 @@
 //! Making records for those who look, on the rayon pool it is called in.
 //!
 //! Every view that is looked through is walked until all its pixels are covered, first for a rough answer, then for finer
-//! ones; then light is gathered again for all records, so that their noise goes on falling while nobody moves. An edit drops those
+//! ones; then light is gathered again for all records, and again while they are noisy ([`super::Visits`]). An edit drops those
 //! whose rays met what it touched (`sight.rs`); light is gathered anew for the others before anything else is done.
 
 #[cfg(test)]
@@ -69,6 +69,9 @@ pub struct IrradianceCaching {
     /// Those that an edit left, with light of now, as far as it is gathered; `None` where all light is of now.
     relit: Option<IrradianceCache>,
     refining: Refining,
+    /// The first so many places have the visits that they need, or as many as they may have: what comes later adds none to them, and is not
+    /// taken for known because they are.
+    settled: usize,
     /// Light is gathered from what will soon be known better: rough records are all that is made.
     is_preliminary: bool,
     gathered_count: u64,
@@ -139,6 +142,20 @@ impl Refining {
     const BEGIN: Refining = Refining { visits: 1, next: 0 };
 }
 
+/// relMSE of the irradiance of some records by chance, as the visits of each differ: relative to the square of what each holds and a
+/// hundredth of that of their mean, as errors of pictures are. Infinite with one that was visited once.
+fn noise_of<'a>(of: impl Iterator<Item = (&'a Place, &'a Record)> + Clone) -> f64 {
+    let irradiance = |record: &Record| f64::from(record.irradiance.mean());
+    let (count, sum) =
+        of.clone().fold((0.0, 0.0), |(count, sum), (_, record)| (count + 1.0, sum + irradiance(record)));
+    let floor = 0.01 * (sum / f64::max(count, 1.0)).powi(2);
+    let off = |(place, record): (&Place, &Record)| {
+        let variance = place.visited.variance();
+        if variance > 0.0 { variance / (irradiance(record).powi(2) + floor) } else { 0.0 }
+    };
+    of.map(off).sum::<f64>() / f64::max(count, 1.0)
+}
+
 /// A view whose pixels are to have records.
 #[derive(Debug)]
 struct Gaze {
@@ -194,6 +211,7 @@ impl IrradianceCaching {
             places: Vec::new(),
             relit: None,
             refining: Refining::BEGIN,
+            settled: 0,
             is_preliminary: false,
             gathered_count: 0,
             seconds_per_record: None,
@@ -214,6 +232,7 @@ impl IrradianceCaching {
         self.stand_on(base);
         self.batch = None;
         self.places.iter_mut().for_each(|place| place.visited = Visited::NEVER);
+        self.settled = 0;
         // Their light would stay as it is.
         self.cache.rougher = None;
         self.refining = Refining { visits: 0, next: 0 };
@@ -303,8 +322,9 @@ impl IrradianceCaching {
 
     /// What is to be shown: a copy of the records, for others to look things up in.
     pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
-        let noise = self.noise();
-        Arc::new(IrradianceCache { noise: if noise.is_finite() { noise } else { 0.0 }, ..self.cache.clone() })
+        let is_told = |(place, _): &(&Place, &Record)| place.visited.count > 1;
+        let noise = noise_of(self.places.iter().zip(&self.cache.records).filter(is_told));
+        Arc::new(IrradianceCache { noise, ..self.cache.clone() })
     }
 
     /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
@@ -317,6 +337,7 @@ impl IrradianceCaching {
 
     fn begin_relighting(&mut self) {
         self.batch = None;
+        self.settled = 0;
         self.relit = Some(IrradianceCache::new(self.cache.settings, self.base.clone()));
     }
 
@@ -520,6 +541,7 @@ impl IrradianceCaching {
         self.cache = IrradianceCache::new(self.settings.rougher(ROUNDS[0]), self.base.clone());
         (self.batch, self.next_batch) = (None, FIRST_BATCH);
         self.places.clear();
+        self.settled = 0;
         self.relit = None;
         self.refining = Refining::BEGIN;
         self.may_drop = false;
@@ -551,17 +573,26 @@ impl IrradianceCaching {
             Some(last) => Refining { visits, next: last + 1 },
             None => Refining { visits, next: 0 },
         };
+        if visits >= self.visits_max() {
+            self.settled = self.places.len();
+        }
         counts
     }
 
     /// The next records that are to be visited again, at most so many, and how often each of them was.
     fn due(&self, count_max: usize) -> (u32, Vec<usize>) {
         let Refining { visits, mut next } = self.refining;
-        for visits in visits..self.visits_max() {
+        // What was gathered from rougher light is gathered anew before anything else.
+        let end = if visits == 0 { 1 } else { self.visits_max() };
+        for visits in visits..end {
+            let is_for_all = visits < self.settings.visits.least.get();
             // Asked before each round alone: what records become does not depend on how many are visited in a step.
-            let is_begun = next > 0 || visits < self.settings.visits.least.get();
-            if !is_begun && self.noise() <= f64::from(self.settings.noise).powi(2) {
-                break;
+            if !is_for_all && next == 0 {
+                let later = self.places.iter().zip(&self.cache.records).skip(self.settled);
+                if noise_of(later) <= f64::from(self.settings.noise).powi(2) {
+                    return (self.visits_max(), Vec::new());
+                }
+                next = self.settled;
             }
             let is_due = |index: &usize| self.places[*index].visited.count == visits;
             let due: Vec<usize> = (next..self.places.len()).filter(is_due).take(count_max).collect();
@@ -570,19 +601,7 @@ impl IrradianceCaching {
             }
             next = 0;
         }
-        (self.visits_max(), Vec::new())
-    }
-
-    /// relMSE of the irradiance of all records by chance, as the visits of each differ; infinite while some had only one.
-    fn noise(&self) -> f64 {
-        let irradiance = || self.cache.records.iter().map(|record| f64::from(record.irradiance.mean()));
-        let count = self.places.len().max(1) as f64;
-        let floor = 0.01 * (irradiance().sum::<f64>() / count).powi(2);
-        let off = |(place, irradiance): (&Place, f64)| {
-            let variance = place.visited.variance();
-            if variance > 0.0 { variance / (irradiance * irradiance + floor) } else { 0.0 }
-        };
-        self.places.iter().zip(irradiance()).map(off).sum::<f64>() / count
+        (end, Vec::new())
     }
 
     fn visits_max(&self) -> u32 {

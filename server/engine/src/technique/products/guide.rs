@@ -37,8 +37,10 @@ const CUTS_MAX: u32 = 6;
 /// Light is even where the mean square of its density over that of the cosine, with the part of it that chance makes taken off, is less: at
 /// best a direction drawn by it would have so much less variance, and paths do better without asking.
 const EVEN_SQUARE: f32 = 1.3;
-/// Parts along the sides of the hemisphere's square that it is told by.
-const EVEN_PARTS: usize = 8;
+/// Parts along the sides of the hemisphere's square that it is told by, from those that many photons share to those that a small spot fills.
+const EVEN_PARTS: [usize; 4] = [8, 16, 32, 64];
+/// Standard deviations by which it must be more: in small parts few photons meet by chance.
+const EVEN_DEVIATIONS: f32 = 3.0;
 /// A leaf says nothing of a surface whose normal is more than 60° off its own: from there on a quarter and more of even light would lie below
 /// its horizon.
 const FACING_COS: f32 = 0.5;
@@ -296,17 +298,24 @@ impl Guide {
 ///
 /// - `seen`: places on the hemisphere's square, and how many photons each stands for
 fn is_even(seen: &[(Vec2, f32)]) -> bool {
-    let mut parts = [0.0f32; EVEN_PARTS * EVEN_PARTS];
-    let (mut all, mut alone) = (0.0, 0.0);
-    for (at, weight) in seen {
-        let [x, y] = (*at * EVEN_PARTS as f32).to_array().map(|at| (at as usize).min(EVEN_PARTS - 1));
-        parts[y * EVEN_PARTS + x] += weight;
-        all += weight;
-        alone += weight * weight;
-    }
-    // Pairs of two photons in one part: of each with itself chance alone makes as many.
-    let paired: f32 = parts.iter().map(|weight| weight * weight).sum::<f32>() - alone;
-    paired * (parts.len() as f32) <= EVEN_SQUARE * (all * all - alone)
+    EVEN_PARTS.into_iter().all(|side| {
+        let mut parts = vec![0.0f32; side * side];
+        let (mut all, mut alone) = (0.0, 0.0);
+        for (at, weight) in seen {
+            let [x, y] = (*at * side as f32).to_array().map(|at| (at as usize).min(side - 1));
+            parts[y * side + x] += weight;
+            all += weight;
+            alone += weight * weight;
+        }
+        // Pairs of two photons in one part, over those of all: of each with itself chance alone makes as many.
+        let paired = parts.iter().map(|weight| weight * weight).sum::<f32>() - alone;
+        let pairs = all * all - alone;
+        let count = parts.len() as f32;
+        // As many photons as weigh alike. Of even light 1 in so many pairs meet, as often as chance has it.
+        let photons = all * all / alone.max(f32::MIN_POSITIVE);
+        let deviation = (2.0 * count).sqrt() / photons.max(1.0);
+        paired * count <= (EVEN_SQUARE + EVEN_DEVIATIONS * deviation) * pairs
+    })
 }
 
 /// Sorts flights into two by what sets them apart most: what that is, where the second begins, and with which of them. `None` where all lie

@@ -200,8 +200,9 @@ fn noisy_records_are_visited_until_they_are_known() {
     };
     assert_eq!([0.03, 1e-4].map(|noise| of(1.0, noise).1), [4, 4], "without noise");
     assert_eq!(of(100.0, 0.01).1, 24);
+    let noise = |caching: &IrradianceCaching| noise_of(caching.places.iter().zip(&caching.cache.records));
     let (caching, visits) = of(100.0, 0.25);
-    assert!((5..24).contains(&visits) && caching.noise() <= 0.0625, "{visits}: {}", caching.noise());
+    assert!((5..24).contains(&visits) && noise(&caching) <= 0.0625, "{visits}: {}", noise(&caching));
     let settings = IrradianceSettings { seed: 77, ..caching.cache.settings };
     let never = std::sync::atomic::AtomicBool::new(false);
     let by = GatherBy { settings: &settings, ..caching.gather_by(&world, &never) };
@@ -218,6 +219,32 @@ fn noisy_records_are_visited_until_they_are_known() {
     }
     assert!((0.5..2.0).contains(&(found / told)), "{found} of {told}");
     assert!((all - again).abs() < 3.0 * found.sqrt(), "{all} for {again}");
+}
+
+/// What is known well keeps what comes later from being taken for known, and is not visited for its sake.
+#[test]
+fn later_records_are_judged_by_themselves() {
+    let world = room();
+    let cameras = two_cameras(&world);
+    // Even light on all that the first camera sees; a spot behind it.
+    let painted = |p: Vec3| Rgb::WHITE * if (p - Vec3::ONE).length() < 0.3 { 100.0 } else { 1.0 };
+    let visits = Visits { most: 12.try_into().unwrap(), ..with_rays(40).visits };
+    let settings = IrradianceSettings { visits, noise: 0.05, ..with_rays(40) };
+    let mut caching = IrradianceCaching::new(settings, Arc::new(Painted(|_| Rgb::WHITE)), None);
+    caching.look(0, &cameras[0], PictureSize::new(32, 24).unwrap());
+    finish(&mut caching, &world);
+    let count = caching.places.len();
+    assert!(caching.places.iter().all(|place| place.visited.count == 4) && caching.settled == count);
+    caching.arriving = Arc::new(Painted(painted));
+    caching.look(1, &cameras[1], PictureSize::new(8, 6).unwrap());
+    finish(&mut caching, &world);
+    let (before, later) = caching.places.split_at(count);
+    assert!(before.iter().all(|place| place.visited.count == 4));
+    assert!(!later.is_empty() && later.iter().all(|place| place.visited.count == 12), "{}", later.len());
+    // Once light is gathered anew for all, all are judged.
+    caching.relight(Arc::new(Painted(painted)), None);
+    finish(&mut caching, &world);
+    assert!(caching.places.iter().all(|place| place.visited.count == 12));
 }
 
 /// Pixels of a view for which neither records nor rougher ones answer.

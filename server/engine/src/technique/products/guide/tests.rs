@@ -56,7 +56,7 @@ fn directions_are_drawn_by_their_density() {
     assert!((mean - 1.0).abs() < 0.01, "{mean}");
 }
 
-/// Of even light photons say nothing, and little of one bright photon among many faint ones, nor of light that is nearly even.
+/// Of even light photons say nothing, nor where one bright photon is among many faint ones, and little of light that is nearly even.
 #[test]
 fn chance_and_single_photons_say_little() {
     let even = |number: u32| {
@@ -71,6 +71,21 @@ fn chance_and_single_photons_say_little() {
         );
         assert_eq!(guide.told.len(), count as usize, "{count}");
     }
+    // Nor is it even where a little comes through a spot of two degrees, whatever parts of the hemisphere that lies in.
+    for (number, towards) in
+        [Vec3::new(0.3, 0.5, 0.8), Vec3::Z, Vec3::X + 0.1 * Vec3::Z].into_iter().enumerate()
+    {
+        let frame = Frame::around(towards.normalize());
+        let spot = |photon: u32| {
+            let [_, _, u, v] = point(40 + number as u64, photon);
+            let cosine = warp::cosine_hemisphere([u, v]);
+            let within = frame.to_world(Vec3::new(0.03 * (u - 0.5), 0.03 * (v - 0.5), 1.0).normalize());
+            let p = on_floor(photon);
+            (p, p + if photon.is_multiple_of(14) { within } else { cosine })
+        };
+        let guide = guide_of(Vec3::Z, (0..250).map(spot));
+        assert!(guide.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).is_some(), "{towards}");
+    }
     // A quarter of it comes from an eighth of the hemisphere.
     let uneven = |number: u32| {
         let [_, _, u, v] = point(5, number);
@@ -84,19 +99,18 @@ fn chance_and_single_photons_say_little() {
         Flight { from, to, normal: Vec3::Z, flux_w }
     };
     let of_one = Guide::of((0..200).map(faint).collect()).unwrap();
-    for (guide, most) in [(of_chance, 6.0), (of_one, 1.5)] {
-        let guidance = guide.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).unwrap();
-        let mut squares = 0.0;
-        for number in 0..4096 {
-            let [u, v, ..] = point(17, number);
-            let wi = warp::cosine_hemisphere([u, v]);
-            let ratio = guidance.ratio(wi, wi.z);
-            assert!((0.5..most).contains(&ratio), "{ratio}");
-            squares += f64::from(ratio).powi(-1) / 4096.0;
-        }
-        // Mean square of what even light counts for, over the square of its mean.
-        assert!(squares < 1.15, "{squares}");
+    assert!(of_one.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).is_none());
+    let guidance = of_chance.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).unwrap();
+    let mut squares = 0.0;
+    for number in 0..4096 {
+        let [u, v, ..] = point(17, number);
+        let wi = warp::cosine_hemisphere([u, v]);
+        let ratio = guidance.ratio(wi, wi.z);
+        assert!((0.5..6.0).contains(&ratio), "{ratio}");
+        squares += f64::from(ratio).powi(-1) / 4096.0;
     }
+    // Mean square of what even light counts for, over the square of its mean.
+    assert!(squares < 1.15, "{squares}");
 }
 
 /// Photons of another wall, of the other side of this one and of far away say nothing here.
