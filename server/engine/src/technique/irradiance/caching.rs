@@ -22,6 +22,7 @@ use super::{
     Visits,
     record::{GatherBy, Gathered},
     sight::Sight,
+    visits::{Visited, noise_of},
     walk::{Seen, Walk},
 };
 use crate::{
@@ -92,35 +93,6 @@ struct Place {
     visited: Visited,
 }
 
-/// What is known of a record's noise.
-#[derive(Clone, Copy, Debug)]
-struct Visited {
-    /// How often light was gathered for it, of the scene as it is and from what is known of it now.
-    count: u32,
-    /// Sum of squared deviations of what each visit found from the mean of all, (W/m²)².
-    squares: f64,
-}
-
-impl Visited {
-    const NEVER: Visited = Visited { count: 0, squares: 0.0 };
-    const ONCE: Visited = Visited { count: 1, squares: 0.0 };
-
-    /// - `before`, `after`: irradiance known before and after the visit, W/m²
-    fn again(self, before: Rgb, after: Rgb) -> Visited {
-        let Visited { count, squares } = self;
-        let moved = f64::from(after.mean()) - f64::from(before.mean());
-        // A mean of n + 1 has moved by a part of n + 1 of what the last is off [Welford1962].
-        let of_count = f64::from(count) * (f64::from(count) + 1.0);
-        Visited { count: count + 1, squares: squares + moved * moved * of_count }
-    }
-
-    /// Squared standard error of the mean of all visits, (W/m²)²; infinite after one.
-    fn variance(self) -> f64 {
-        let count = f64::from(self.count);
-        if self.count > 1 { self.squares / (count * (count - 1.0)) } else { f64::INFINITY }
-    }
-}
-
 /// Records that are found missing together and taken in together, so that they do not depend on how many are made in one step.
 #[derive(Debug)]
 struct Batch {
@@ -140,20 +112,6 @@ struct Refining {
 
 impl Refining {
     const BEGIN: Refining = Refining { visits: 1, next: 0 };
-}
-
-/// relMSE of the irradiance of some records by chance, as the visits of each differ: relative to the square of what each holds and a
-/// hundredth of that of their mean, as errors of pictures are. Infinite with one that was visited once.
-fn noise_of<'a>(of: impl Iterator<Item = (&'a Place, &'a Record)> + Clone) -> f64 {
-    let irradiance = |record: &Record| f64::from(record.irradiance.mean());
-    let (count, sum) =
-        of.clone().fold((0.0, 0.0), |(count, sum), (_, record)| (count + 1.0, sum + irradiance(record)));
-    let floor = 0.01 * (sum / f64::max(count, 1.0)).powi(2);
-    let off = |(place, record): (&Place, &Record)| {
-        let variance = place.visited.variance();
-        if variance > 0.0 { variance / (irradiance(record).powi(2) + floor) } else { 0.0 }
-    };
-    of.map(off).sum::<f64>() / f64::max(count, 1.0)
 }
 
 /// A view whose pixels are to have records.
@@ -322,8 +280,7 @@ impl IrradianceCaching {
 
     /// What is to be shown: a copy of the records, for others to look things up in.
     pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
-        let is_told = |(place, _): &(&Place, &Record)| place.visited.count > 1;
-        let noise = noise_of(self.places.iter().zip(&self.cache.records).filter(is_told));
+        let noise = noise_of(self.visited().filter(|(visited, _)| visited.count > 1));
         Arc::new(IrradianceCache { noise, ..self.cache.clone() })
     }
 
@@ -588,8 +545,7 @@ impl IrradianceCaching {
             let is_for_all = visits < self.settings.visits.least.get();
             // Asked before each round alone: what records become does not depend on how many are visited in a step.
             if !is_for_all && next == 0 {
-                let later = self.places.iter().zip(&self.cache.records).skip(self.settled);
-                if noise_of(later) <= f64::from(self.settings.noise).powi(2) {
+                if noise_of(self.visited().skip(self.settled)) <= f64::from(self.settings.noise).powi(2) {
                     return (self.visits_max(), Vec::new());
                 }
                 next = self.settled;
@@ -602,6 +558,11 @@ impl IrradianceCaching {
             next = 0;
         }
         (end, Vec::new())
+    }
+
+    /// What is known of the noise of each record, and its irradiance, W/m².
+    fn visited(&self) -> impl Iterator<Item = (Visited, Rgb)> + Clone {
+        self.places.iter().zip(&self.cache.records).map(|(place, record)| (place.visited, record.irradiance))
     }
 
     fn visits_max(&self) -> u32 {

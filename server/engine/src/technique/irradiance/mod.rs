@@ -21,6 +21,7 @@ mod strata;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod visits;
 mod walk;
 
 use std::{
@@ -34,6 +35,7 @@ pub use self::{
     caching::IrradianceCaching,
     hemi_plane::{HemiPlane, PastPlane},
     record::{Facing, Gradient, Record, Weighing},
+    visits::Visits,
 };
 
 use self::{index::Index, splat::Splats, strata::Strata};
@@ -85,23 +87,6 @@ const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 /// waiting for longer yet.
 const VISITS: Visits = Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap() };
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
-
-/// How often light is gathered for a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Visits {
-    /// In any case.
-    pub least: NonZeroU32,
-    /// At most, and no fewer than `least`: as long as the noise of all together is more than [`IrradianceSettings::noise`]. Not of each by itself: those that by chance never met
-    /// what is bright and small are the quiet ones, and to leave them alone would leave them too dark.
-    pub most: NonZeroU32,
-}
-
-impl Visits {
-    /// As often for each.
-    pub const fn exactly(count: NonZeroU32) -> Visits {
-        Visits { least: count, most: count }
-    }
-}
 
 impl Default for IrradianceSettings {
     fn default() -> IrradianceSettings {

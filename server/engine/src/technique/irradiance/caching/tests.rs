@@ -200,7 +200,7 @@ fn noisy_records_are_visited_until_they_are_known() {
     };
     assert_eq!([0.03, 1e-4].map(|noise| of(1.0, noise).1), [4, 4], "without noise");
     assert_eq!(of(100.0, 0.01).1, 24);
-    let noise = |caching: &IrradianceCaching| noise_of(caching.places.iter().zip(&caching.cache.records));
+    let noise = |caching: &IrradianceCaching| noise_of(caching.visited());
     let (caching, visits) = of(100.0, 0.25);
     assert!((5..24).contains(&visits) && noise(&caching) <= 0.0625, "{visits}: {}", noise(&caching));
     let settings = IrradianceSettings { seed: 77, ..caching.cache.settings };
