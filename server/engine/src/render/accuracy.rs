@@ -4,9 +4,10 @@ use std::sync::atomic::AtomicBool;
 
 use super::{
     Indirect, Remaining, RenderSettings, Rendering, ToLearn, all_paths,
-    chain::{Measuring, Outlook, Spent},
+    chain::{Outlook, Spent},
     forecast::{self, Way},
     hidden::{HiddenFor, HiddenHalves, HiddenLight},
+    measuring::Measuring,
     own_picture,
 };
 use crate::{

@@ -517,7 +517,7 @@ mod tests {
             let passes = rendering.passes() + 400;
             watch(&mut rendering, &[0.001], passes).1[0].when
         };
-        let octree = [1, 2, 4].map(|seed| of(Indirect::Octree, seed));
+        let octree = [1, 2, 3, 4, 5].map(|seed| of(Indirect::Octree, seed));
         // By few pixels it may not be known yet how far it is off.
         let is_known = |when: &When| matches!(when, When::OutOfReach { error } if *error > 0.001);
         let promises = |when: &When| matches!(when, When::In { .. } | When::Reached { .. });

@@ -15,6 +15,7 @@ mod hidden;
 mod illumination;
 mod learner;
 mod learning;
+mod measuring;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -44,15 +45,16 @@ use crate::{
 };
 #[cfg(feature = "gpu")]
 use backend::OnGpu;
-use chain::{Measuring, Outlook, Shortfall, Turn};
+use chain::{Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
+use measuring::Measuring;
 
 #[cfg(feature = "gpu")]
 pub use backend::BackendTrial;
-pub use chain::MeasuringShare;
 pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, ToLearn, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
+pub use measuring::MeasuringShare;
 pub use settings::{Backend, Indirect, Learning, Learnt, RenderSettings};
 
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.

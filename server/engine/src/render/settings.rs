@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::chain::MeasuringShare;
+use super::measuring::MeasuringShare;
 use crate::{
     effects::{EffectChoices, EffectKind, EffectPlan},
     film::{Denoising, Film},

@@ -76,6 +76,15 @@ enum Node {
     Leaf(u32),
 }
 
+/// Which leaves are of use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Need {
+    /// Whose light is not even.
+    Uneven,
+    /// Whose flights are looked at.
+    Any,
+}
+
 /// What photons are sorted by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Axis {
@@ -262,24 +271,22 @@ impl Guide {
 
     /// Where light comes from at `p`, if anything is known of surfaces thereabouts that face like `n` and it is not even.
     pub fn at(&self, p: Vec3, n: Vec3) -> Option<Guidance<'_>> {
-        let leaf = self.leaf_at(p, n, |is_even| is_even)?;
+        let leaf = self.leaf_at(p, n, Need::Uneven)?;
         Some(Guidance { quarters: &self.quarters, frame: &leaf.frame, whole: leaf.whole? })
     }
 
     /// Where flights began that ended about `p` on surfaces that face like `n`, in render space, and their flux, W.
     pub fn flights_at(&self, p: Vec3, n: Vec3) -> &[(Vec3, f32)] {
-        let told = self.leaf_at(p, n, |_| false).map_or([0, 0], |leaf| leaf.told);
+        let told = self.leaf_at(p, n, Need::Any).map_or([0, 0], |leaf| leaf.told);
         &self.told[told[0] as usize..told[1] as usize]
     }
 
     /// The leaf that answers there.
-    ///
-    /// - `ends`: whether below a node nothing is of use, by whether light is even in all of it
-    fn leaf_at(&self, p: Vec3, n: Vec3, ends: impl Fn(bool) -> bool) -> Option<&Leaf> {
+    fn leaf_at(&self, p: Vec3, n: Vec3, need: Need) -> Option<&Leaf> {
         let mut place = 0;
         loop {
             match self.nodes[place] {
-                Node::Halved { is_even, .. } if ends(is_even) => return None,
+                Node::Halved { is_even: true, .. } if need == Need::Uneven => return None,
                 Node::Halved { axis, at, above, .. } => {
                     place = if axis.of(p, n) < at { place + 1 } else { above as usize };
                 }
@@ -298,21 +305,21 @@ impl Guide {
 ///
 /// - `seen`: places on the hemisphere's square, and how many photons each stands for
 fn is_even(seen: &[(Vec2, f32)]) -> bool {
+    let (all, alone) =
+        seen.iter().fold((0.0, 0.0), |(all, alone), (_, weight)| (all + weight, alone + weight * weight));
+    // As many photons as weigh alike.
+    let photons = all * all / f32::max(alone, f32::MIN_POSITIVE);
+    let pairs = all * all - alone;
     EVEN_PARTS.into_iter().all(|side| {
         let mut parts = vec![0.0f32; side * side];
-        let (mut all, mut alone) = (0.0, 0.0);
         for (at, weight) in seen {
             let [x, y] = (*at * side as f32).to_array().map(|at| (at as usize).min(side - 1));
             parts[y * side + x] += weight;
-            all += weight;
-            alone += weight * weight;
         }
         // Pairs of two photons in one part, over those of all: of each with itself chance alone makes as many.
         let paired = parts.iter().map(|weight| weight * weight).sum::<f32>() - alone;
-        let pairs = all * all - alone;
         let count = parts.len() as f32;
-        // As many photons as weigh alike. Of even light 1 in so many pairs meet, as often as chance has it.
-        let photons = all * all / alone.max(f32::MIN_POSITIVE);
+        // Of even light one in so many pairs meets, as often as chance has it.
         let deviation = (2.0 * count).sqrt() / photons.max(1.0);
         paired * count <= (EVEN_SQUARE + EVEN_DEVIATIONS * deviation) * pairs
     })

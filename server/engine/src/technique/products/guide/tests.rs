@@ -163,7 +163,7 @@ fn planes_below_others_are_halved_too() {
         (to, to + if height > 0.0 { side(number) } else { Vec3::new(0.9, 0.0, 0.1) })
     };
     let guide = guide_of(Vec3::Z, (0..20_000).map(photon));
-    let leaf = guide.leaf_at(Vec3::new(1.0, 1.0, 0.0), Vec3::Z, |_| false).unwrap();
+    let leaf = guide.leaf_at(Vec3::new(1.0, 1.0, 0.0), Vec3::Z, Need::Any).unwrap();
     assert!(leaf.high.x - leaf.low.x < 2.0, "{leaf:?}");
     assert!(guide.leaves.len() > 20_000 / LEAF_FLIGHTS_MAX, "{}", guide.leaves.len());
     let short = 0.999_999_9;
@@ -175,7 +175,7 @@ fn planes_below_others_are_halved_too() {
     };
     let guide = Guide::of((0..4000).map(on_edge).collect()).unwrap();
     for (p, n) in [(Vec3::new(0.02, 0.5, 0.0), Vec3::Z), (Vec3::new(0.0, 0.5, 0.02), Vec3::X)] {
-        assert!(guide.leaf_at(p, n, |_| false).unwrap().frame.n.dot(n) > 0.99, "{p} {n}");
+        assert!(guide.leaf_at(p, n, Need::Any).unwrap().frame.n.dot(n) > 0.99, "{p} {n}");
     }
 }
 
