@@ -397,7 +397,7 @@ pub(super) fn as_noise(measured: &MeasuredError, target: f64, rays: f64, passes:
 /// relMSE at which a picture counts as good enough: with an error that is known badly the estimate has to be lower, so that the
 /// upper end of its interval is low enough as well.
 ///
-/// - `growth`: work on measuring by then over that so far, of which chance takes off as much (`chain.rs`)
+/// - `growth`: work on measuring by then over that so far, of which chance takes off as much (`measuring.rs`)
 fn allowed(measured: &MeasuredError, target: f64, growth: f64) -> f64 {
     let [_, high] = measured.interval_95;
     let doubt = (high / measured.rel_mse.max(f64::MIN_POSITIVE)).max(1.0);

@@ -2,8 +2,8 @@
 //!
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
-//! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next and
-//! measures what comes of it, `learning.rs` shares the work between learning and drawing, `accuracy.rs` says how good the picture
+//! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next,
+//! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `accuracy.rs` says how good the picture
 //! is, and `forecast.rs` when it will be better; `settings.rs` is what is asked for. Imports every room to its left; the server talks to this one.
 
 mod accuracy;
