@@ -13,6 +13,9 @@ use crate::math::Rgb;
 /// weighed by what the other six found.
 pub const GAUGED_GROUPS: usize = 8;
 
+/// Errors that are in the mean below so many standard deviations of what is not known of them are hidden by that.
+const HIDDEN: f64 = 2.0;
+
 /// What path tracing says of one pixel, several times and independently of the picture and of each other: with d the value shown
 /// and x₁, x₂ any two, (d − x₁)(d − x₂) has the expectation (d − truth)², bias included.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,14 +90,33 @@ pub fn measure_at(
     Some(of_pixels(&errors, Beside { noise, doubt, least }))
 }
 
-/// Whether more pixels would make such a measure surer than more samples for these: their errors differ by more than by what is
-/// not known of each.
-pub fn wants_more_pixels(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> bool {
-    let Some(AtPixels { errors, noises, .. }) = AtPixels::of(image, size, pixels) else { return false };
+/// What would make a measure surer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lacking {
+    /// Samples for its pixels: what is not known of each hides their error.
+    Samples,
+    /// Pixels: their errors differ by more than by what is not known of each.
+    Pixels,
+    /// Either.
+    Both,
+}
+
+/// What such a measure lacks most.
+pub fn lacking(image: &[Rgb], size: PictureSize, pixels: &[GaugedPixel]) -> Lacking {
+    let Some(AtPixels { errors, noises, .. }) = AtPixels::of(image, size, pixels) else {
+        return Lacking::Both;
+    };
     let count = errors.len() as f64;
     let mean = errors.iter().sum::<f64>() / count;
     let spread = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>();
-    spread > 2.0 * noises.iter().sum::<f64>()
+    let noise = noises.iter().sum::<f64>();
+    if spread > 2.0 * noise {
+        Lacking::Pixels
+    } else if mean < HIDDEN * noise.sqrt() / count {
+        Lacking::Samples
+    } else {
+        Lacking::Both
+    }
 }
 
 impl GaugedPixel {

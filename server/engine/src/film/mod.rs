@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 pub use denoise::Denoising;
 pub use error::{CompareError, ImageError, compare};
-pub use gauged::{GAUGED_GROUPS, GaugedPixel, measure_at, wants_more_pixels};
+pub use gauged::{GAUGED_GROUPS, GaugedPixel, Lacking, lacking, measure_at};
 pub use measured::{BLACK_PASSES, MeasuredError};
 pub use picture::Picture;
 pub use pixel::PixelSample;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::hidden::HiddenHalves;
 use crate::{
-    film::{BLACK_PASSES, Film, MeasuredError, Picture, PictureSize, measure_at, wants_more_pixels},
+    film::{BLACK_PASSES, Film, Lacking, MeasuredError, Picture, PictureSize, lacking, measure_at},
     math::Rgb,
     technique::{
         Counts, Guide, View,
@@ -136,9 +136,12 @@ impl Measuring {
     pub(super) fn choose_pixels_or_samples(&mut self, image: &[Rgb], size: PictureSize) {
         let [least, most] = SAMPLES_ENOUGH;
         let pixels = self.gauge.pixels();
-        let is_wide = pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2)
-            || self.lacks_fresh_pixels(size)
-            || wants_more_pixels(image, size, &pixels);
+        let is_wide = self.lacks_fresh_pixels(size)
+            || match lacking(image, size, &pixels) {
+                Lacking::Pixels => true,
+                Lacking::Samples => false,
+                Lacking::Both => pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2),
+            };
         self.samples_enough = if is_wide { self.gauge.samples_max().clamp(least, most) } else { most };
     }
 

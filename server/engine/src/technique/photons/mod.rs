@@ -41,12 +41,12 @@ use self::{
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
-    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, MAPPED, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
     SentPhoton, Step, Surfaces, Technique, TriangleSide,
 };
 use crate::{
     accel::Accel,
-    transport::{PathClass, Source, World},
+    transport::{Source, World},
 };
 
 /// Parameters of photon tracing.
@@ -292,7 +292,7 @@ impl PhotonTracing {
             })
         };
         let changed = self.stale.take_changed();
-        let count = maps.photon_count(PathClass::Indirect);
+        let count = MAPPED.into_iter().map(|class| maps.photon_count(class)).sum();
         let flights = self.paths.flights(count, normal_of).collect();
         self.product = Arc::new(PhotonProduct::new(maps, before.generation + 1, changed, flights));
     }

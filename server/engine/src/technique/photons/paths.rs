@@ -320,6 +320,14 @@ impl SourcePhotons {
         (name, all & u64::MAX.checked_shl(known).unwrap_or(0))
     }
 
+    /// Every block with the flux of a photon of weight 1, W, in order.
+    fn each_block(&self) -> impl Iterator<Item = (f32, &Block)> {
+        (0..).zip(&self.strata).flat_map(move |(stratum, blocks)| {
+            let of_place = move |place| self.flux_w(stratum, place == 0);
+            (0..).zip(blocks).map(move |(place, block)| (of_place(place), block))
+        })
+    }
+
     /// Numbers of the photons of a block.
     pub(super) fn numbers(&self, name: BlockName) -> impl Iterator<Item = u32> + use<> {
         let strata = self.strata.len() as u32;
@@ -393,12 +401,7 @@ impl PhotonPaths {
 
     /// Every block with the flux of a photon of weight 1, W, in order.
     pub(super) fn each_block(&self) -> impl Iterator<Item = (f32, &Block)> {
-        self.sources.iter().flat_map(|photons| {
-            (0..).zip(&photons.strata).flat_map(move |(stratum, blocks)| {
-                let of_place = move |place| photons.flux_w(stratum, place == 0);
-                (0..).zip(blocks).map(move |(place, block)| (of_place(place), block))
-            })
-        })
+        self.sources.iter().flat_map(SourcePhotons::each_block)
     }
 
     /// Every stretch that photons flew, from where and by how much, in order; those that left the scene by one metre.
@@ -421,7 +424,8 @@ impl PhotonPaths {
             .collect()
     }
 
-    /// The last flights of some photons of indirect light, of those that maps hold, in order; see [`Flight::is_asked`].
+    /// The last flights of some photons of those that maps hold, in order; see [`Flight::is_asked`]. None of lights without size that only
+    /// mirrors and glass sent on: no path finds such light (`caustics`).
     ///
     /// - `count`: that maps hold
     /// - `normal_of`: unit normal of a triangle on a side of it
@@ -430,15 +434,25 @@ impl PhotonPaths {
         count: usize,
         normal_of: impl Fn(TriangleSide) -> Vec3,
     ) -> impl Iterator<Item = Flight> {
-        let ways = self.each_block().flat_map(|(flux_w, block)| {
-            let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
-            ways.map(move |way| (flux_w, &way[0], &way[1]))
+        let ways = self.sources.iter().flat_map(|photons| {
+            let of_block = move |(flux_w, block): (f32, _)| {
+                let block: &Block = block;
+                let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
+                ways.map(move |way| (flux_w, &way[0], &way[1]))
+            };
+            let is_found = |hit: &PhotonHit| match hit.class() {
+                PathClass::Indirect => true,
+                PathClass::Caustic => !photons.source.is_delta(),
+                _ => false,
+            };
+            let ways = photons.each_block().flat_map(of_block);
+            ways.filter(move |(.., hit)| hit.is_on_diffuse() && is_found(hit))
         });
-        let indirect = ways.filter(|(.., hit)| hit.is_on_diffuse() && hit.class() == PathClass::Indirect);
-        let asked = (0..).zip(indirect).filter(move |(number, _)| Flight::is_asked(*number, count));
+        let asked = (0..).zip(ways).filter(move |(number, _)| Flight::is_asked(*number, count));
         asked.filter_map(move |(_, (flux_w, before, hit))| {
             let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
-            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w })
+            let is_focused = hit.class() == PathClass::Caustic;
+            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w, is_focused })
         })
     }
 

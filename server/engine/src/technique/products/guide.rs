@@ -1,6 +1,6 @@
 //! Where the light comes from that falls on surfaces, as photons tell it: for paths that look for light.
 //!
-//! Photons of indirect light are sorted into a tree by where they fell and which way that surface faces. Those of a leaf say how much
+//! Photons that other surfaces sent on are sorted into a tree by where they fell and which way that surface faces. Those of a leaf say how much
 //! light comes through which part of the hemisphere there [Jensen1995], as a tree of quarters like that of [Mueller2017]: it is the
 //! finer the more photons came through, and quarters that few came through share what they brought with their neighbours. A direction is
 //! drawn by it with a fixed chance and else by the cosine, so that none is left out: what follows it is right whatever photons say, and
@@ -53,7 +53,7 @@ pub struct Guide {
     nodes: Vec<Node>,
     leaves: Vec<Leaf>,
     quarters: Vec<Quarters>,
-    /// Where the flights of each leaf began, in its turn, and their flux, W.
+    /// Where the flights of indirect light of each leaf began, in its turn, and their flux, W.
     told: Vec<(Vec3, f32)>,
 }
 
@@ -110,7 +110,7 @@ impl Axis {
     }
 }
 
-/// The last flight of a photon that another surface sent on.
+/// The last flight of a photon that another surface sent on, past which light sampling does not see the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
     /// Where it began, in render space.
@@ -121,6 +121,8 @@ pub struct Flight {
     pub normal: Vec3,
     /// Mean flux of the channels, W.
     pub flux_w: f32,
+    /// Only mirrors and glass sent it on: paths look for such light, records of irradiance do not hold it.
+    pub is_focused: bool,
 }
 
 impl Flight {
@@ -141,7 +143,7 @@ struct Leaf {
     frame: Frame,
     /// Of its quarters, those of the whole hemisphere; `None` where light is even.
     whole: Option<u32>,
-    /// Its flights: first and end.
+    /// Its flights of indirect light: first and end.
     told: [u32; 2],
     /// Where it answers: around where they ended, as far again.
     low: Vec3,
@@ -227,7 +229,7 @@ impl Guide {
             .collect();
         let first = self.told.len() as u32;
         // Of those that fell on one point some say as much as all.
-        let some = flights.iter().take(LEAF_FLIGHTS_MAX);
+        let some = flights.iter().filter(|flight| !flight.is_focused).take(LEAF_FLIGHTS_MAX);
         self.told.extend(some.map(|flight| (flight.from, flight.flux_w)));
         let told = [first, self.told.len() as u32];
         let ends = || flights.iter().map(|flight| flight.to);
@@ -275,7 +277,7 @@ impl Guide {
         Some(Guidance { quarters: &self.quarters, frame: &leaf.frame, whole: leaf.whole? })
     }
 
-    /// Where flights began that ended about `p` on surfaces that face like `n`, in render space, and their flux, W.
+    /// Where flights of indirect light began that ended about `p` on surfaces that face like `n`, in render space, and their flux, W.
     pub fn flights_at(&self, p: Vec3, n: Vec3) -> &[(Vec3, f32)] {
         let told = self.leaf_at(p, n, Need::Any).map_or([0, 0], |leaf| leaf.told);
         &self.told[told[0] as usize..told[1] as usize]

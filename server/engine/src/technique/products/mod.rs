@@ -255,7 +255,7 @@ pub struct PhotonProduct {
     pub generation: u64,
     /// Where photons came or went since the generation before; `None`: anywhere.
     pub changed: Option<ChangedPhotons>,
-    /// Some of those of indirect light, until the guide is made of them.
+    /// Some of those that maps hold, until the guide is made of them.
     flights: Mutex<Vec<Flight>>,
     guide: OnceLock<Option<Guide>>,
 }
@@ -263,7 +263,7 @@ pub struct PhotonProduct {
 impl PhotonProduct {
     /// What a technique made.
     ///
-    /// - `flights`: of photons of indirect light; see [`Flight::is_asked`]
+    /// - `flights`: of photons that maps hold; see [`Flight::is_asked`]
     pub fn new(
         maps: PhotonMaps,
         generation: u64,
@@ -283,7 +283,7 @@ impl PhotonProduct {
         self.flights.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the photons say of where light comes from; `None` without photons of indirect light. Whoever asks first waits some tens of milliseconds.
+    /// What the photons say of where light comes from; `None` without photons that paths could look for. Whoever asks first waits some tens of milliseconds.
     pub fn guide(&self) -> Option<&Guide> {
         // On the one thread that asks: sharing the work out could hand it another's question for the same.
         self.guide.get_or_init(|| Guide::of(std::mem::take(&mut *self.flights()))).as_ref()

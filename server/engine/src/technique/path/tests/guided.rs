@@ -97,7 +97,7 @@ fn one_sided(side: Vec3, normals: impl Fn(Vec3) -> Vec3) -> Guide {
     let flight = |number: u32| {
         let [u, v, ..] = crate::math::sobol::point(3, number);
         let to = warp::sphere([u, v]);
-        Flight { from: to + side, to, normal: normals(to), flux_w: 1.0 }
+        Flight { from: to + side, to, normal: normals(to), flux_w: 1.0, is_focused: false }
     };
     Guide::of((0..4000).map(flight).collect()).unwrap()
 }
@@ -133,7 +133,7 @@ fn misled_paths_keep_closed_furnaces() {
         (to[axis], to[(axis + 1) % 3], to[(axis + 2) % 3]) = (side, 2.0 * u - 1.0, 2.0 * v - 1.0);
         let mut normal = Vec3::ZERO;
         normal[axis] = -side;
-        Flight { from: to + normal + 0.2 * Vec3::X, to, normal, flux_w: 1.0 }
+        Flight { from: to + normal + 0.2 * Vec3::X, to, normal, flux_w: 1.0, is_focused: false }
     };
     let guide = Guide::of((0..10_000).map(on_walls).collect()).unwrap();
     let (found, _) = seen(&world, Some(&guide), 40, 32);
@@ -157,4 +157,64 @@ fn guidance_takes_noise_where_light_comes_from_one_side() {
     let (world, photons) = traced(samples::cornell_box().unwrap());
     let [guided, plain] = [photons.guide(), None].map(|guide| noise(&world, guide));
     assert!(guided < 1.4 * plain, "{guided} for {plain}");
+}
+
+/// A box with a lamp in its ceiling beneath a pane of clear glass: light sampling does not see it, and few rays go there by chance.
+fn lit_through_a_pane(has_size: bool) -> Scene {
+    let mut stage = samples::Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.7))).unwrap();
+    let clear = Material { transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let clear = stage.material("clear", clear).unwrap();
+    let bright = Material { emission: Rgb::splat(20.0), ..Material::lambert(Rgb::BLACK) };
+    let bright = stage.material("bright", bright).unwrap();
+    let v = DVec3::new;
+    let walls = samples::cuboid(DVec3::splat(-2.0), DVec3::splat(2.0), &white);
+    stage.place("room", walls, DAffine3::from_scale(v(-1.0, 1.0, 1.0))).unwrap();
+    stage
+        .place("pane", samples::cuboid(v(-0.4, 1.9, -0.4), v(0.4, 1.95, 0.4), &clear), DAffine3::IDENTITY)
+        .unwrap();
+    let corners = [v(-0.2, 1.99, -0.2), v(0.2, 1.99, -0.2), v(0.2, 1.99, 0.2), v(-0.2, 1.99, 0.2)];
+    if has_size {
+        stage.place("lamp", samples::quad(corners, &bright), DAffine3::IDENTITY).unwrap();
+    } else {
+        let kind = LightKind::Point { intensity: Rgb::splat(5.0) };
+        let light = Light { parent: None, position: v(0.0, 1.98, 0.0), direction: DVec3::NEG_Y, kind };
+        stage.light("lamp", light).unwrap();
+    }
+    let view = CameraView::look_at(v(-1.8, -1.0, 1.8), v(2.0, -1.0, -1.0), DVec3::Y, 1.2);
+    stage.camera("view", view, 1.0).unwrap();
+    stage.finish()
+}
+
+/// Light that only glass sent on is found by chance alone: guided paths know it as well with a third of the rays.
+#[test]
+fn paths_are_guided_to_lamps_behind_glass() {
+    let (world, photons) = traced(lit_through_a_pane(true));
+    let runs = [None, photons.guide()].map(|guide| seen(&world, guide, 60, 16));
+    let [plain, guided] = &runs;
+    assert_same(&guided.0, &plain.0, "behind glass");
+    let [plain, guided] = [plain, guided].map(|(found, counts)| {
+        let focused = &found[PathClass::Caustic as usize];
+        assert!(focused.mean() > 0.0);
+        focused.variance() / focused.mean().powi(2) * counts.all_rays() as f64
+    });
+    assert!(3.0 * guided < plain, "{guided} for {plain}");
+}
+
+/// No path meets a lamp without size behind glass: photons of such light lead nobody there, those that a wall sent on do.
+#[test]
+fn nobody_is_guided_to_what_no_path_finds() {
+    let flights = |has_size: bool| {
+        let world = World::prepare(Arc::new(lit_through_a_pane(has_size)));
+        let mut photons =
+            PhotonTracing::new(PhotonSettings { emitted_count: 10_000, ..PhotonSettings::default() });
+        photons.trace_all(&world);
+        // All of them.
+        let all: Vec<Flight> = photons.paths().flights(1, |_| Vec3::Y).collect();
+        [true, false].map(|is_focused| all.iter().filter(|f| f.is_focused == is_focused).count())
+    };
+    let [focused, indirect] = flights(true);
+    assert!(focused > 500 && indirect > 500, "{focused} {indirect}");
+    let [focused, indirect] = flights(false);
+    assert!(focused == 0 && indirect > 500, "{focused} {indirect}");
 }

@@ -96,7 +96,7 @@ fn chance_and_single_photons_say_little() {
     let faint = |number: u32| {
         let (to, from) = uneven(number);
         let flux_w = if number == 4 { 1e6 } else { 1.0 };
-        Flight { from, to, normal: Vec3::Z, flux_w }
+        Flight { from, to, normal: Vec3::Z, flux_w, is_focused: false }
     };
     let of_one = Guide::of((0..200).map(faint).collect()).unwrap();
     assert!(of_one.at(Vec3::new(0.5, 0.5, 0.0), Vec3::Z).is_none());
@@ -126,7 +126,13 @@ fn every_place_and_side_has_photons_of_its_own() {
             2 => [Vec3::NEG_Z, p, -near],
             _ => [Vec3::X, Vec3::new(0.0, p.y, p.x), Vec3::X],
         };
-        flights.push(Flight { from: position + from, to: position, normal: n, flux_w: 1.0 });
+        flights.push(Flight {
+            from: position + from,
+            to: position,
+            normal: n,
+            flux_w: 1.0,
+            is_focused: false,
+        });
     }
     let count = flights.len();
     let guide = Guide::of(flights).unwrap();
@@ -171,7 +177,7 @@ fn planes_below_others_are_halved_too() {
         let p = on_floor(number);
         let (to, normal) =
             if number.is_multiple_of(2) { (p, Vec3::Z * short) } else { (Vec3::new(0.0, p.y, p.x), Vec3::X) };
-        Flight { from: to + Vec3::ONE, to, normal, flux_w: 1.0 }
+        Flight { from: to + Vec3::ONE, to, normal, flux_w: 1.0, is_focused: false }
     };
     let guide = Guide::of((0..4000).map(on_edge).collect()).unwrap();
     for (p, n) in [(Vec3::new(0.02, 0.5, 0.0), Vec3::Z), (Vec3::new(0.0, 0.5, 0.02), Vec3::X)] {
@@ -198,10 +204,33 @@ fn odd_photons_are_sorted_too() {
         }),
     );
     assert!(row.at(Vec3::X, Vec3::Z).is_some());
-    let of = |flux_w: f32| Flight { from: Vec3::ZERO, to: Vec3::ONE, normal: Vec3::Z, flux_w };
+    let of =
+        |flux_w: f32| Flight { from: Vec3::ZERO, to: Vec3::ONE, normal: Vec3::Z, flux_w, is_focused: false };
     assert!(Guide::of(vec![of(0.0), of(f32::INFINITY), of(f32::NAN)]).is_none());
     let many = guide_of(Vec3::Z, (0..300_000).map(spotted));
     let kept = many.told.len();
     assert!(kept <= FLIGHTS_MAX && kept > FLIGHTS_MAX * 9 / 10, "{kept}");
     assert!(many.leaves.len() < 4 * FLIGHTS_MAX / LEAF_FLIGHTS_MAX, "{}", many.leaves.len());
+}
+
+/// Light that only mirrors and glass sent on says where paths find light, and nothing of what records of irradiance hold.
+#[test]
+fn focused_light_guides_paths_alone() {
+    let lamp = Vec3::new(0.0, 0.6, 0.8);
+    let flight = |number: u32| {
+        let to = on_floor(number);
+        let is_focused = number.is_multiple_of(2);
+        let from =
+            to + if is_focused { lamp } else { warp::cosine_hemisphere([0.1, 0.2 + to.x.fract() * 0.1]) };
+        Flight { from, to, normal: Vec3::Z, flux_w: 1.0, is_focused }
+    };
+    let guide = Guide::of((0..4000).map(flight).collect()).unwrap();
+    let p = on_floor(8);
+    assert!(guide.at(p, Vec3::Z).unwrap().density(lamp) > 5.0);
+    assert!(!guide.flights_at(p, Vec3::Z).is_empty());
+    assert_eq!(guide.told.len(), 2000);
+    // All of a leaf may be so.
+    let focused = (0..4000).map(|number| Flight { is_focused: true, ..flight(number) });
+    let guide = Guide::of(focused.collect()).unwrap();
+    assert!(guide.flights_at(p, Vec3::Z).is_empty() && guide.at(p, Vec3::Z).is_some());
 }
