@@ -136,8 +136,13 @@ impl Measuring {
     pub(super) fn choose_pixels_or_samples(&mut self, image: &[Rgb], size: PictureSize) {
         let [least, most] = SAMPLES_ENOUGH;
         let pixels = self.gauge.pixels();
+        let lacking = lacking(image, size, &pixels);
+        if lacking == Lacking::Samples {
+            let mean = image.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / image.len() as f64;
+            self.gauge.concentrate(0.01 * mean * mean);
+        }
         let is_wide = self.lacks_fresh_pixels(size)
-            || match lacking(image, size, &pixels) {
+            || match lacking {
                 Lacking::Pixels => true,
                 Lacking::Samples => false,
                 Lacking::Both => pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2),

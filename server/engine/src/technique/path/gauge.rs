@@ -2,6 +2,11 @@
 //!
 //! Pixels are taken in sets, each spread over the picture and drawn more often where error is expected, and traced in
 //! groups of samples with numbers of their own, so that their means are independent of each other and of every film.
+//!
+//! Where noise hides the error, a set of pixels is taken again with more samples for those that are noisier. With a the weight times the
+//! relative variance of a sample, n samples of a pixel leave the variance Σ (a/n)² in the sum of squared errors: of all with as many
+//! samples in all that is least where n goes as a to the power 2/3. What the set was first traced with says how noisy they are, and has no
+//! part in the means that follow: a pixel that is traced on because of what was found would be taken for darker or brighter than it is.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -30,6 +35,11 @@ const COUNTED_SHARE: f64 = 0.5;
 /// as it would without. With half of them the relative variance of the mean was a third larger on three scenes.
 const EVEN_SHARE: f64 = 0.25;
 
+/// Samples of either half of a pixel that say how noisy it is.
+const PILOT_SAMPLES: u32 = 64;
+/// A noisy pixel gets so many times as many samples as one in the quieter half, at most.
+const TIMES_MAX: f64 = 16.0;
+
 /// What samples cost and how they spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleCost {
@@ -53,10 +63,14 @@ pub struct Gauge {
 #[derive(Debug)]
 struct Set {
     points: Vec<Point>,
-    /// Samples of either half.
+    /// Samples of either half that all its pixels have, those that are traced more often a multiple.
     samples: u32,
     /// Its halves were traced with hidden light of their own.
     halves: bool,
+    /// The set whose pixels these are, which said how noisy each is.
+    pilot: Option<usize>,
+    /// The set that it is the pilot of.
+    successor: Option<usize>,
 }
 
 #[derive(Clone, Debug)]
@@ -65,6 +79,8 @@ struct Point {
     y: u32,
     /// Pixels that it stands for, over those that each would stand for if all stood for as many.
     weight: f64,
+    /// How often it is traced when its set is.
+    times: u32,
     /// Σ of the samples of each group; the first half of them are those of one half.
     groups: [[f64; 3]; GAUGED_GROUPS],
     /// Σ (a − b)² / 2 over pairs of samples, one of either half: each expects the variance of a sample.
@@ -99,7 +115,8 @@ impl Gauge {
         if cancel.load(Ordering::Relaxed) {
             return Counts::default();
         }
-        let fewest = (0..self.sets.len()).min_by_key(|index| self.sets[*index].samples);
+        let in_use = (0..self.sets.len()).filter(|index| self.sets[*index].successor.is_none());
+        let fewest = in_use.min_by_key(|index| self.sets[*index].samples);
         let index = match fewest {
             Some(index) if self.sets[index].samples < samples_enough => index,
             Some(index) if self.sets.len() >= SETS_MAX => index,
@@ -124,7 +141,8 @@ impl Gauge {
             // A pixel that is drawn again, in this set or another, is traced with other numbers.
             let sequence = GAUGED_GROUPS as u32 * (first + place as u32);
             let mut counts = Counts::default();
-            numbers.clone().for_each(|number| {
+            let times = point.times;
+            (numbers.start * times..numbers.end * times).for_each(|number| {
                 point.add(&tracers, (view, width), sequence, number, &mut counts);
             });
             counts
@@ -136,6 +154,21 @@ impl Gauge {
         self.rays += counts.all_rays();
         self.samples += counts.paths;
         counts
+    }
+
+    /// Takes sets again whose pixels are known well enough for that, with more samples for noisy ones.
+    ///
+    /// - `floor`: what is added to the square of a pixel's radiance to tell how much its noise counts, (W/(m² sr))²
+    pub fn concentrate(&mut self, floor: f64) {
+        for index in 0..self.sets.len() {
+            let set = &self.sets[index];
+            let is_known = set.pilot.is_none() && set.successor.is_none() && set.samples >= PILOT_SAMPLES;
+            if is_known && !self.is_full() {
+                let again = set.again(index, floor);
+                self.sets[index].successor = Some(self.sets.len());
+                self.sets.push(again);
+            }
+        }
     }
 
     /// Samples of either half that every counted pixel has, at least.
@@ -156,11 +189,20 @@ impl Gauge {
 
     /// With their numbers.
     fn counted(&self) -> impl Iterator<Item = (usize, &Set)> {
-        let most = self.sets.iter().map(|set| set.samples).max().unwrap_or(0);
-        self.sets
-            .iter()
-            .enumerate()
-            .filter(move |(_, set)| f64::from(set.samples) >= COUNTED_SHARE * f64::from(most))
+        let standing = || self.sets.iter().enumerate().filter(|(index, _)| self.stands(*index));
+        let most = standing().map(|(_, set)| set.samples).max().unwrap_or(0);
+        standing().filter(move |(_, set)| has_share(set.samples, most))
+    }
+
+    /// It is not one whose pixels another set stands for: a pilot, until what follows it is known, and then that.
+    fn stands(&self, index: usize) -> bool {
+        let is_known =
+            |pilot: usize, next: usize| has_share(self.sets[next].samples, self.sets[pilot].samples);
+        match (self.sets[index].pilot, self.sets[index].successor) {
+            (Some(pilot), _) => is_known(pilot, index),
+            (None, Some(next)) => !is_known(index, next),
+            (None, None) => true,
+        }
     }
 
     /// The pixels and what is known of them.
@@ -178,43 +220,39 @@ impl Gauge {
         self.sets.len() >= SETS_MAX
     }
 
-    /// Of those, the ones of set number `first` and of later ones.
+    /// Of those, the ones that were first taken with set number `first` or later.
     pub fn pixels_since(&self, first: usize) -> Vec<GaugedPixel> {
         let width = self.size.width();
         let of_set = |set: &Set| {
-            let (count, in_group) = (f64::from(set.samples), f64::from(set.samples / HALF_GROUPS));
-            let of_point = move |point: &Point| GaugedPixel {
-                index: (point.y * width + point.x) as usize,
-                weight: point.weight,
-                groups: point.groups.map(|group| group.map(|sum| sum / in_group)),
-                halves: set.halves,
-                variance: point.spread.map(|sum| sum / count / (2.0 * count)),
+            let of_point = move |point: &Point| {
+                let samples = set.samples * point.times;
+                let (count, in_group) = (f64::from(samples), f64::from(samples / HALF_GROUPS));
+                GaugedPixel {
+                    index: (point.y * width + point.x) as usize,
+                    weight: point.weight,
+                    groups: point.groups.map(|group| group.map(|sum| sum / in_group)),
+                    halves: set.halves,
+                    variance: point.spread.map(|sum| sum / count / (2.0 * count)),
+                }
             };
             set.points.iter().map(of_point).collect::<Vec<_>>()
         };
-        self.counted().filter(|(number, _)| *number >= first).flat_map(|(_, set)| of_set(set)).collect()
+        let taken = |(number, set): &(usize, &Set)| set.pilot.unwrap_or(*number) >= first;
+        self.counted().filter(taken).flat_map(|(_, set)| of_set(set)).collect()
     }
 
     /// Cost and noise of a path-traced sample; `None` before the first step, and while all is black.
     pub fn cost(&self) -> Option<SampleCost> {
-        let points =
-            || self.sets.iter().flat_map(|set| set.points.iter().map(move |point| (set.samples, point)));
-        let mean_of = |(samples, point): (u32, &Point)| -> [f64; 3] {
-            let sum = |c: usize| point.groups.iter().map(|group| group[c]).sum::<f64>();
-            std::array::from_fn(|c| sum(c) / (2.0 * f64::from(samples)))
-        };
+        let traced = || self.sets.iter().filter(|set| set.samples > 0);
+        let points = || traced().flat_map(|set| set.points.iter().map(move |point| (set.samples, point)));
         let weights = points().map(|(_, point)| point.weight).sum::<f64>();
-        let sum = points().map(|of| of.1.weight * mean_of(of).iter().sum::<f64>()).sum::<f64>();
-        let mean = sum / (3.0 * weights);
-        if self.sets.is_empty() || mean <= 0.0 {
+        let mean_of = |(samples, point): (u32, &Point)| point.mean(samples).iter().sum::<f64>() / 3.0;
+        let mean = points().map(|of| of.1.weight * mean_of(of)).sum::<f64>() / weights;
+        if weights <= 0.0 || mean <= 0.0 {
             return None;
         }
         let floor = 0.01 * mean * mean;
-        let of_point = |(samples, point): (u32, &Point)| {
-            let mean = mean_of((samples, point));
-            let relative = |c: usize| point.spread[c] / f64::from(samples) / (mean[c] * mean[c] + floor);
-            point.weight * (0..3).map(relative).sum::<f64>() / 3.0
-        };
+        let of_point = |(samples, point): (u32, &Point)| point.weight * point.variance(samples, floor);
         let variance = points().map(of_point).sum::<f64>() / weights;
         Some(SampleCost { rays: self.rays as f64 / self.samples.max(1) as f64, variance })
     }
@@ -259,8 +297,34 @@ impl Set {
         while (points.len() as f64) < count {
             points.push(Point::new(last, chance(last.0, last.1) * pixel_count));
         }
-        Set { points, samples: 0, halves: false }
+        Set { points, samples: 0, halves: false, pilot: None, successor: None }
     }
+
+    /// Its pixels with no sample yet, those that it found noisy to be traced more often.
+    fn again(&self, index: usize, floor: f64) -> Set {
+        let noise = |point: &Point| point.weight * point.variance(self.samples, floor);
+        let mut noises: Vec<f64> = self.points.iter().map(noise).collect();
+        noises.sort_unstable_by(f64::total_cmp);
+        let middle = noises[noises.len() / 2].max(f64::MIN_POSITIVE);
+        let times =
+            |point: &Point| (noise(point) / middle).powf(2.0 / 3.0).round().clamp(1.0, TIMES_MAX) as u32;
+        let again = |point: &Point| Point {
+            times: times(point),
+            ..Point::new((point.x, point.y), 1.0 / point.weight)
+        };
+        Set {
+            points: self.points.iter().map(again).collect(),
+            samples: 0,
+            halves: false,
+            pilot: Some(index),
+            successor: None,
+        }
+    }
+}
+
+/// So many samples are enough to be counted beside `most`.
+fn has_share(samples: u32, most: u32) -> bool {
+    f64::from(samples) >= COUNTED_SHARE * f64::from(most)
 }
 
 /// All pixels, cell by cell of a grid of nearly square ones, to the right and back by turns, so that what follows each other lies
@@ -281,7 +345,26 @@ fn walk(size: PictureSize, columns: u32, rows: u32) -> impl Iterator<Item = (u32
 impl Point {
     /// - `chance`: of it to be drawn, over that if all had the same
     fn new((x, y): (u32, u32), chance: f64) -> Point {
-        Point { x, y, weight: 1.0 / chance, groups: [[0.0; 3]; GAUGED_GROUPS], spread: [0.0; 3] }
+        let groups = [[0.0; 3]; GAUGED_GROUPS];
+        Point { x, y, weight: 1.0 / chance, times: 1, groups, spread: [0.0; 3] }
+    }
+
+    /// Mean of all samples.
+    ///
+    /// - `samples`: of either half of its set, more than none
+    fn mean(&self, samples: u32) -> [f64; 3] {
+        let count = 2.0 * f64::from(samples * self.times);
+        std::array::from_fn(|c| self.groups.iter().map(|group| group[c]).sum::<f64>() / count)
+    }
+
+    /// Variance of a sample over the square of the radiance, mean over the channels.
+    ///
+    /// - `samples`: of either half of its set, more than none
+    /// - `floor`: added to the square
+    fn variance(&self, samples: u32, floor: f64) -> f64 {
+        let (mean, count) = (self.mean(samples), f64::from(samples * self.times));
+        let relative = |c: usize| self.spread[c] / count / (mean[c] * mean[c] + floor);
+        (0..3).map(relative).sum::<f64>() / 3.0
     }
 
     /// One sample to each group.
@@ -375,5 +458,79 @@ mod tests {
         assert_eq!((gauge.samples(), pixels.len(), gauge.is_black()), (16, 4, false));
         assert!(pixels.windows(2).all(|pair| pair[0].groups != pair[1].groups));
         assert!(gauge.cost().unwrap().variance > 0.0);
+    }
+
+    /// A gauge of a box of so many steps, and what its next steps need.
+    fn of_box(world: &World, seed: u64, steps: u32) -> (Gauge, View) {
+        let size = PictureSize::new(32, 32).unwrap();
+        let view = View::new(world, &world.scene().camera_view(None).unwrap(), size);
+        let mut gauge = Gauge::new(PathSettings::all(None, seed), size);
+        step(&mut gauge, world, &view, steps);
+        (gauge, view)
+    }
+
+    fn step(gauge: &mut Gauge, world: &World, view: &View, steps: u32) {
+        let never = AtomicBool::new(false);
+        (0..steps).for_each(|_| {
+            gauge.step((world, view), 1 << 14, &[], [None, None], None, &never);
+        });
+    }
+
+    /// A set that is known well enough is taken again, once; what was found the first time counts until the second is known half as well,
+    /// and then no more.
+    #[test]
+    fn pilots_count_until_their_successors_do() {
+        let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
+        let (mut gauge, view) = of_box(&world, 0, PILOT_SAMPLES / STEP_SAMPLES - 1);
+        gauge.concentrate(1e-3);
+        assert_eq!(gauge.set_count(), 1, "too little is known");
+        step(&mut gauge, &world, &view, 1);
+        let pilot = gauge.pixels();
+        (0..2).for_each(|_| gauge.concentrate(1e-3));
+        assert_eq!(gauge.set_count(), 2);
+        assert!(gauge.cost().unwrap().variance.is_finite());
+        step(&mut gauge, &world, &view, PILOT_SAMPLES / STEP_SAMPLES / 2 - 1);
+        assert_eq!(gauge.pixels(), pilot);
+        step(&mut gauge, &world, &view, 1);
+        let next = gauge.pixels();
+        let place = |pixel: &GaugedPixel| (pixel.index, pixel.weight.to_bits());
+        assert!(next.iter().map(place).eq(pilot.iter().map(place)));
+        assert!(next.iter().zip(&pilot).any(|(next, pilot)| next.groups != pilot.groups));
+        // Whoever asks for pixels that had no say before does not get these.
+        assert!(gauge.pixels_since(1).is_empty() && gauge.pixels_since(0).len() == next.len());
+        (0..2).for_each(|_| gauge.concentrate(1e-3));
+        assert_eq!(gauge.set_count(), 2);
+    }
+
+    /// With as many samples noisy pixels are known better and the sum of squared errors has less noise; what is found is as bright.
+    #[test]
+    fn noisy_pixels_get_more_samples() {
+        let world = World::prepare(Arc::new(samples::boxes().unwrap()));
+        let (mut noise, mut brightness) = ([0.0; 2], crate::math::RunningStatistics::default());
+        for seed in 0..24 {
+            let (mut gauge, view) = of_box(&world, seed, PILOT_SAMPLES / STEP_SAMPLES);
+            gauge.concentrate(1e-3);
+            step(&mut gauge, &world, &view, PILOT_SAMPLES / STEP_SAMPLES);
+            let [pilot, next] = [0, 1].map(|number| &gauge.sets[number]);
+            assert_eq!((pilot.samples, next.samples), (PILOT_SAMPLES, PILOT_SAMPLES));
+            let times = next.points.iter().map(|point| f64::from(point.times));
+            assert!(times.clone().all(|times| (1.0..=TIMES_MAX).contains(&times)));
+            // As if both had taken as many in all.
+            let mean = times.sum::<f64>() / next.points.len() as f64;
+            assert!(mean > 1.0);
+            for point in &next.points {
+                let own = (point.weight * point.variance(next.samples, 1e-3)).powi(2);
+                noise[0] += own;
+                noise[1] += own * (mean / f64::from(point.times)).powi(2);
+            }
+            let of = |set: &Set| {
+                let weighed = |point: &Point| point.weight * point.mean(set.samples).iter().sum::<f64>();
+                set.points.iter().map(weighed).sum::<f64>()
+            };
+            brightness.add(of(next) / of(pilot) - 1.0);
+        }
+        assert!(noise[1] < 0.7 * noise[0], "{noise:?}");
+        assert!(brightness.mean().abs() < 4.0 * brightness.standard_error(), "{}", brightness.mean());
+        assert!(brightness.standard_error() < 0.02);
     }
 }
