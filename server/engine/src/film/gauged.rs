@@ -24,6 +24,8 @@ pub struct GaugedPixel {
     pub index: usize,
     /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
     pub weight: f64,
+    /// Its samples, over those of the pixels that have the fewest.
+    pub times: f64,
     /// Means of groups of as many samples, W/(m² sr).
     pub groups: [[f64; 3]; GAUGED_GROUPS],
     /// The first half of the groups have something in common, and so have the others: no error is found within a half.
@@ -244,7 +246,7 @@ mod tests {
                 variance[c] += (both[0][c] - both[1][c]).powi(2) / (4.0 * count * count);
             }
         }
-        GaugedPixel { index, weight: 1.0, groups, halves: false, variance }
+        GaugedPixel { index, weight: 1.0, times: 1.0, groups, halves: false, variance }
     }
 
     /// How a picture is measured, often.
@@ -301,6 +303,21 @@ mod tests {
         }
     }
 
+    /// What is hidden by noise lacks samples, what differs from pixel to pixel lacks pixels, and what is alike everywhere either.
+    #[test]
+    fn what_a_measure_lacks_is_told() {
+        let truth = truth();
+        let of = |factor: f32, blotches: f32, samples: u32| {
+            let image = shown(&truth, |_| factor, blotches);
+            let gauge = |place: usize| gauged(truth[place * 48 + 7], place * 48 + 7, 3, samples);
+            lacking(&image, size(), &(0..64).map(gauge).collect::<Vec<_>>())
+        };
+        assert_eq!(of(1.0, 0.02, 64), Lacking::Samples);
+        assert_eq!(of(1.0, 1.5, 4096), Lacking::Pixels);
+        assert_eq!(of(1.3, 0.0, 1024), Lacking::Both);
+        assert_eq!(lacking(&vec![Rgb::BLACK; truth.len()], size(), &[]), Lacking::Both);
+    }
+
     /// A right picture has no error in the mean of many measures, of few samples that mostly find nothing too.
     #[test]
     fn noise_of_what_weighs_is_no_error() {
@@ -336,7 +353,7 @@ mod tests {
                 let groups = std::array::from_fn(|group| [common[2 * group / GAUGED_GROUPS]; 3]);
                 // Of the mean of two numbers from 0.8 to 1.2.
                 let variance = [0.4 * 0.4 / 24.0; 3];
-                GaugedPixel { index: place * 12, weight: 1.0, groups, halves, variance }
+                GaugedPixel { index: place * 12, weight: 1.0, times: 1.0, groups, halves, variance }
             };
             for (halves, found) in [(true, &mut across), (false, &mut all)] {
                 let pixels: Vec<GaugedPixel> = (0..256).map(|place| gauge(place, halves)).collect();
@@ -367,6 +384,7 @@ mod tests {
                 GaugedPixel {
                     index: place * 40,
                     weight: 1.0,
+                    times: 1.0,
                     groups: [[brightness; 3]; GAUGED_GROUPS],
                     halves: false,
                     variance: [brightness; 3],

@@ -427,6 +427,7 @@ mod tests {
                     variance: [1.0 / 24.0; 3],
                     index: 3 * pixel as usize,
                     weight: if pixel % 2 == 0 { 0.5 } else { 1.5 },
+                    times: 1.0,
                     groups: groups([2 * round, 2 * round + 1].map(|seed| estimate(seed, pixel))),
                     halves: false,
                 })
@@ -465,7 +466,7 @@ mod tests {
                 };
                 let variance = [truth(index).powi(2) * 0.04 / 24.0; 3];
                 let groups = groups([half(2 * round), half(2 * round + 1)]);
-                GaugedPixel { index, weight: 1.0, groups, halves: false, variance }
+                GaugedPixel { index, weight: 1.0, times: 1.0, groups, halves: false, variance }
             };
             let pixels: Vec<GaugedPixel> = (0..256).map(|at| of((at * 12) % size.pixel_count())).collect();
             measured.add(measure_at(&image, size, &pixels, 0.0).unwrap().rel_mse);

@@ -110,8 +110,8 @@ impl Weights {
                 around: one.shown[c],
                 at: shown[one.place].at[c],
                 doubt: one.doubt[c],
-                usual: usual[c],
-                typical: typical[c],
+                usual: usual[c] / pixels[one.place].times,
+                typical: typical[c] / pixels[one.place].times,
                 floor,
             })
         };
@@ -173,7 +173,7 @@ impl Standing {
     }
 }
 
-/// Relative variance of what one pixel finds, by what all found: that of their mean times their number. A mean over pixels
+/// Relative variance of what one pixel finds with the fewest samples, by what all found: that of their mean times their number. A mean over pixels
 /// would not do: those that found nothing know of no variance.
 fn typical(pixels: &[GaugedPixel]) -> [f64; 3] {
     std::array::from_fn(|c| {
@@ -181,20 +181,21 @@ fn typical(pixels: &[GaugedPixel]) -> [f64; 3] {
         for pixel in pixels {
             weights += pixel.weight;
             found += pixel.weight * pixel.found(c).mean;
-            variance += pixel.weight * pixel.variance[c];
+            variance += pixel.weight * pixel.times * pixel.variance[c];
         }
         if found > 0.0 { weights * variance / (found * found) } else { 0.0 }
     })
 }
 
-/// Relative variance of what one pixel finds, the median: half of the picture is known at least so well. Not the mean, in which a few
+/// Relative variance of what one pixel finds with the fewest samples, the median: half of the picture is known at least so well. Not the mean, in which a few
 /// noisy pixels are all: on bunny-room and dragon-room that was a deviation of 29 and 48 %, of 5 and 6 % at most pixels, so that
 /// nothing they found was believed and what lies in shadow weighed by the light around it, a fifth too little.
 fn usual(pixels: &[GaugedPixel], shown: &[Shown]) -> [f64; 3] {
     std::array::from_fn(|c| {
         let of = |(pixel, shown): (&GaugedPixel, &Shown)| {
             let mean = pixel.found(c).mean;
-            let relative = if mean > 0.0 { pixel.variance[c] / (mean * mean) } else { f64::INFINITY };
+            let variance = pixel.times * pixel.variance[c];
+            let relative = if mean > 0.0 { variance / (mean * mean) } else { f64::INFINITY };
             // Where nothing is shown and nothing found there is nothing to be weighed.
             (mean > 0.0 || shown.around[c] > 0.0).then_some((relative, pixel.weight))
         };

@@ -26,12 +26,16 @@ const NEAR_SHARE: MeasuringShare = MeasuringShare(20);
 const SAMPLES_BELIEVED: u32 = 16;
 /// The next decision falls due when the picture has this share of samples more than at the last: deciding looks at all pixels.
 pub(super) const DECIDED_GROWTH: f64 = 0.125;
-/// More pixels instead of more samples for those there are, once their errors differ by more than by what is not known of each, and
-/// with so many samples in any case: at equal cost that leaves the least doubt of the mean.
+/// More pixels instead of more samples for those there are, once their errors differ by more than by what is not known of each, but
+/// never with fewer samples than the first of these, nor fewer pixels with more than the last.
 const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
 /// Pixels below which their spread is not believed, and more are taken, or half of all there are: on bunny-room a hundredth of the pixels hold half of the
 /// squared error, and 132 that had met none of those looked as if they needed only more samples.
 const PIXELS_ENOUGH: usize = 512;
+/// The same where what is not known of each hides all error, once they have so many samples of either half: noise falls as one over samples
+/// and but as one over the root of pixels.
+const PIXELS_LEAST: usize = 128;
+const SAMPLES_NARROW: u32 = 512;
 /// Pixels that must agree that a picture is as good as asked for, or half of all there are, taken after it first seemed so: a
 /// picture is looked at again and again, and the first look that says so is more often than not a lucky one.
 const FRESH_PIXELS: usize = 128;
@@ -136,16 +140,22 @@ impl Measuring {
     pub(super) fn choose_pixels_or_samples(&mut self, image: &[Rgb], size: PictureSize) {
         let [least, most] = SAMPLES_ENOUGH;
         let pixels = self.gauge.pixels();
+        let lacks_fresh = self.lacks_fresh_pixels(size);
+        if !lacks_fresh {
+            self.gauge.trace_from(0);
+        }
         let lacking = lacking(image, size, &pixels);
-        if lacking == Lacking::Samples {
+        // Not by whether the mean is low: pixels that read low by chance would be taken again, and those that read high kept.
+        if lacking != Lacking::Pixels && !lacks_fresh {
             let mean = image.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / image.len() as f64;
             self.gauge.concentrate(0.01 * mean * mean);
         }
-        let is_wide = self.lacks_fresh_pixels(size)
+        let enough = |pixels_enough: usize| pixels.len() >= pixels_enough.min(size.pixel_count() / 2);
+        let is_wide = lacks_fresh
             || match lacking {
                 Lacking::Pixels => true,
-                Lacking::Samples => false,
-                Lacking::Both => pixels.len() < PIXELS_ENOUGH.min(size.pixel_count() / 2),
+                Lacking::Samples => self.gauge.samples_max() >= SAMPLES_NARROW && !enough(PIXELS_LEAST),
+                Lacking::Both => !enough(PIXELS_ENOUGH),
             };
         self.samples_enough = if is_wide { self.gauge.samples_max().clamp(least, most) } else { most };
     }
@@ -155,6 +165,7 @@ impl Measuring {
         if self.fresh_from.is_none() {
             let [least, most] = SAMPLES_ENOUGH;
             self.fresh_from = Some(self.gauge.set_count());
+            self.gauge.trace_from(self.gauge.set_count());
             self.samples_enough = self.gauge.samples_max().clamp(least, most);
         }
     }
@@ -162,6 +173,7 @@ impl Measuring {
     /// Something else is asked for.
     pub(super) fn forget_fresh_pixels(&mut self) {
         self.fresh_from = None;
+        self.gauge.trace_from(0);
     }
 
     fn lacks_fresh_pixels(&self, size: PictureSize) -> bool {

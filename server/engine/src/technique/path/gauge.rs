@@ -8,7 +8,10 @@
 //! samples in all that is least where n goes as a to the power 2/3. What the set was first traced with says how noisy they are, and has no
 //! part in the means that follow: a pixel that is traced on because of what was found would be taken for darker or brighter than it is.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    ops::RangeInclusive,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use rayon::prelude::*;
 
@@ -27,7 +30,7 @@ const SET_POINTS_MAX: u32 = 2 * SET_PIXELS;
 const STEP_SAMPLES: u32 = 8;
 /// Groups of a half.
 const HALF_GROUPS: u32 = GAUGED_GROUPS as u32 / 2;
-/// Sets of a gauge at most: 16,384 pixels.
+/// Sets of a gauge at most, without those that are taken again: 16,384 pixels.
 const SETS_MAX: usize = 256;
 /// A set counts beside the first once it has this share of its samples.
 const COUNTED_SHARE: f64 = 0.5;
@@ -35,10 +38,13 @@ const COUNTED_SHARE: f64 = 0.5;
 /// as it would without. With half of them the relative variance of the mean was a third larger on three scenes.
 const EVEN_SHARE: f64 = 0.25;
 
-/// Samples of either half of a pixel that say how noisy it is.
-const PILOT_SAMPLES: u32 = 64;
-/// A noisy pixel gets so many times as many samples as one in the quieter half, at most.
-const TIMES_MAX: f64 = 16.0;
+/// Samples of either half of a pixel that say how noisy it is: fewer say too little, more are not thrown away for that.
+const PILOT_SAMPLES: RangeInclusive<u32> = 64..=256;
+/// A noisy pixel gets so many times as many samples as one in the quieter half, at most; and where halves have maps of hidden light in
+/// common, of which it sees no more than others.
+const TIMES_MAX: [f64; 2] = [16.0, 4.0];
+/// A set is taken again only where that leaves less than this share of the noise with as many samples.
+const WORTH_WHILE: f64 = 0.6;
 
 /// What samples cost and how they spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -56,6 +62,9 @@ pub struct Gauge {
     settings: PathSettings,
     size: PictureSize,
     sets: Vec<Set>,
+    /// Sets before this one wait.
+    traced_from: usize,
+    /// Of pixels that are all traced as often.
     rays: u64,
     samples: u64,
 }
@@ -94,7 +103,7 @@ impl Gauge {
     pub fn new(settings: PathSettings, size: PictureSize) -> Gauge {
         let seed = sobol::mix(settings.seed ^ 0x6761_7567_6500);
         let settings = PathSettings { seed, ..settings };
-        Gauge { settings, size, sets: Vec::new(), rays: 0, samples: 0 }
+        Gauge { settings, size, sets: Vec::new(), traced_from: 0, rays: 0, samples: 0 }
     }
 
     /// Adds samples to the set that has the fewest, or takes a new set once all have so many in either half.
@@ -115,11 +124,16 @@ impl Gauge {
         if cancel.load(Ordering::Relaxed) {
             return Counts::default();
         }
-        let in_use = (0..self.sets.len()).filter(|index| self.sets[*index].successor.is_none());
+        let waits = |index: &usize| {
+            let set = &self.sets[*index];
+            set.successor.is_some() || set.pilot.unwrap_or(*index) < self.traced_from
+        };
+        let in_use = (0..self.sets.len()).filter(|index| !waits(index));
         let fewest = in_use.min_by_key(|index| self.sets[*index].samples);
         let index = match fewest {
             Some(index) if self.sets[index].samples < samples_enough => index,
-            Some(index) if self.sets.len() >= SETS_MAX => index,
+            Some(index) if self.is_full() => index,
+            None if self.is_full() => return Counts::default(),
             _ => {
                 let number = self.sets.len() as u32;
                 self.sets.push(Set::nth(number, self.size, self.settings.seed, expected));
@@ -135,7 +149,9 @@ impl Gauge {
         let width = self.size.width();
         let set = &mut self.sets[index];
         set.halves |= hidden.iter().any(Option::is_some);
-        let numbers = set.samples / HALF_GROUPS..(set.samples + STEP_SAMPLES) / HALF_GROUPS;
+        // What is traced more often takes smaller steps, so that nobody waits for it.
+        let step_samples = if set.pilot.is_some() { HALF_GROUPS } else { STEP_SAMPLES };
+        let numbers = set.samples / HALF_GROUPS..(set.samples + step_samples) / HALF_GROUPS;
         let first = index as u32 * SET_POINTS_MAX;
         let trace = |(place, point): (usize, &mut Point)| {
             // A pixel that is drawn again, in this set or another, is traced with other numbers.
@@ -149,11 +165,18 @@ impl Gauge {
         };
         // In order: sums do not depend on the threads.
         let counts: Vec<Counts> = set.points.par_iter_mut().enumerate().with_max_len(1).map(trace).collect();
-        set.samples += STEP_SAMPLES;
+        set.samples += step_samples;
         let counts: Counts = counts.into_iter().sum();
-        self.rays += counts.all_rays();
-        self.samples += counts.paths;
+        if set.pilot.is_none() {
+            self.rays += counts.all_rays();
+            self.samples += counts.paths;
+        }
         counts
+    }
+
+    /// Sets before this one wait from now on: 0 for none.
+    pub fn trace_from(&mut self, set: usize) {
+        self.traced_from = set;
     }
 
     /// Takes sets again whose pixels are known well enough for that, with more samples for noisy ones.
@@ -162,9 +185,11 @@ impl Gauge {
     pub fn concentrate(&mut self, floor: f64) {
         for index in 0..self.sets.len() {
             let set = &self.sets[index];
-            let is_known = set.pilot.is_none() && set.successor.is_none() && set.samples >= PILOT_SAMPLES;
-            if is_known && !self.is_full() {
-                let again = set.again(index, floor);
+            let is_first = set.pilot.is_none() && set.successor.is_none();
+            if !is_first || !PILOT_SAMPLES.contains(&set.samples) {
+                continue;
+            }
+            if let Some(again) = set.again(index, floor) {
                 self.sets[index].successor = Some(self.sets.len());
                 self.sets.push(again);
             }
@@ -187,22 +212,14 @@ impl Gauge {
         self.sets.iter().flat_map(|set| &set.points).all(is_black)
     }
 
-    /// With their numbers.
+    /// With their numbers. For the pixels of a set that is taken again the pilot stands until as much is known of what follows it as is
+    /// asked of any that counts.
     fn counted(&self) -> impl Iterator<Item = (usize, &Set)> {
-        let standing = || self.sets.iter().enumerate().filter(|(index, _)| self.stands(*index));
-        let most = standing().map(|(_, set)| set.samples).max().unwrap_or(0);
-        standing().filter(move |(_, set)| has_share(set.samples, most))
-    }
-
-    /// It is not one whose pixels another set stands for: a pilot, until what follows it is known, and then that.
-    fn stands(&self, index: usize) -> bool {
-        let is_known =
-            |pilot: usize, next: usize| has_share(self.sets[next].samples, self.sets[pilot].samples);
-        match (self.sets[index].pilot, self.sets[index].successor) {
-            (Some(pilot), _) => is_known(pilot, index),
-            (None, Some(next)) => !is_known(index, next),
-            (None, None) => true,
-        }
+        let most = self.samples_max();
+        let is_enough = move |set: &Set| f64::from(set.samples) >= COUNTED_SHARE * f64::from(most);
+        let stands =
+            move |set: &Set| is_enough(set) && set.successor.is_none_or(|next| !is_enough(&self.sets[next]));
+        self.sets.iter().enumerate().filter(move |(_, set)| stands(set))
     }
 
     /// The pixels and what is known of them.
@@ -215,9 +232,9 @@ impl Gauge {
         self.sets.len()
     }
 
-    /// No further set will be begun.
+    /// No further pixels will be taken.
     pub fn is_full(&self) -> bool {
-        self.sets.len() >= SETS_MAX
+        self.sets.iter().filter(|set| set.pilot.is_none()).count() >= SETS_MAX
     }
 
     /// Of those, the ones that were first taken with set number `first` or later.
@@ -230,6 +247,7 @@ impl Gauge {
                 GaugedPixel {
                     index: (point.y * width + point.x) as usize,
                     weight: point.weight,
+                    times: f64::from(point.times),
                     groups: point.groups.map(|group| group.map(|sum| sum / in_group)),
                     halves: set.halves,
                     variance: point.spread.map(|sum| sum / count / (2.0 * count)),
@@ -300,31 +318,32 @@ impl Set {
         Set { points, samples: 0, halves: false, pilot: None, successor: None }
     }
 
-    /// Its pixels with no sample yet, those that it found noisy to be traced more often.
-    fn again(&self, index: usize, floor: f64) -> Set {
-        let noise = |point: &Point| point.weight * point.variance(self.samples, floor);
-        let mut noises: Vec<f64> = self.points.iter().map(noise).collect();
-        noises.sort_unstable_by(f64::total_cmp);
-        let middle = noises[noises.len() / 2].max(f64::MIN_POSITIVE);
-        let times =
-            |point: &Point| (noise(point) / middle).powf(2.0 / 3.0).round().clamp(1.0, TIMES_MAX) as u32;
-        let again = |point: &Point| Point {
-            times: times(point),
-            ..Point::new((point.x, point.y), 1.0 / point.weight)
+    /// Its pixels with no sample yet, those that it found noisy to be traced more often; `None` where that is of little use.
+    fn again(&self, index: usize, floor: f64) -> Option<Set> {
+        let noises: Vec<f64> =
+            self.points.iter().map(|point| point.weight * point.variance(self.samples, floor)).collect();
+        let mut known: Vec<f64> = noises.iter().copied().filter(|noise| *noise > 0.0).collect();
+        known.sort_unstable_by(f64::total_cmp);
+        let middle = *known.get(known.len() / 2)?;
+        let most = TIMES_MAX[usize::from(self.halves)];
+        let times: Vec<f64> =
+            noises.iter().map(|noise| (noise / middle).powf(2.0 / 3.0).round().clamp(1.0, most)).collect();
+        let mean = times.iter().sum::<f64>() / times.len() as f64;
+        let squares = |of: &dyn Fn(usize) -> f64| (0..noises.len()).map(|i| of(i).powi(2)).sum::<f64>();
+        let share = squares(&|i| mean * noises[i] / times[i]) / squares(&|i| noises[i]);
+        let again = |(point, times): (&Point, &f64)| Point {
+            weight: point.weight,
+            times: *times as u32,
+            ..Point::new((point.x, point.y), 1.0)
         };
-        Set {
-            points: self.points.iter().map(again).collect(),
+        (share < WORTH_WHILE).then(|| Set {
+            points: self.points.iter().zip(&times).map(again).collect(),
             samples: 0,
             halves: false,
             pilot: Some(index),
             successor: None,
-        }
+        })
     }
-}
-
-/// So many samples are enough to be counted beside `most`.
-fn has_share(samples: u32, most: u32) -> bool {
-    f64::from(samples) >= COUNTED_SHARE * f64::from(most)
 }
 
 /// All pixels, cell by cell of a grid of nearly square ones, to the right and back by turns, so that what follows each other lies
@@ -403,7 +422,11 @@ impl Point {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::samples;
+    use crate::{
+        math::Rgb,
+        scene::{CameraView, Material, Scene, samples},
+    };
+    use glam::{DAffine3, DVec3};
     use std::sync::Arc;
 
     /// Whatever error is expected where, every picture's size has pixels in it, and weighed they stand for all of its pixels:
@@ -460,6 +483,24 @@ mod tests {
         assert!(gauge.cost().unwrap().variance > 0.0);
     }
 
+    const PILOT: u32 = *PILOT_SAMPLES.start();
+
+    /// A room whose floor shines, and is all but free of noise; its walls are not.
+    fn over_a_shining_floor() -> Scene {
+        let mut stage = samples::Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.6))).unwrap();
+        let shining = Material { emission: Rgb::WHITE, ..Material::lambert(Rgb::splat(0.05)) };
+        let shining = stage.material("shining", shining).unwrap();
+        let v = DVec3::new;
+        let walls = samples::cuboid(DVec3::splat(-2.0), DVec3::splat(2.0), &white);
+        stage.place("room", walls, DAffine3::from_scale(v(-1.0, 1.0, 1.0))).unwrap();
+        let corners = [v(-2.0, -1.9, 2.0), v(2.0, -1.9, 2.0), v(2.0, -1.9, -2.0), v(-2.0, -1.9, -2.0)];
+        stage.place("floor", samples::quad(corners, &shining), DAffine3::IDENTITY).unwrap();
+        let view = CameraView::look_at(v(0.0, 1.0, 1.8), v(0.0, -2.0, -0.6), DVec3::Y, 1.2);
+        stage.camera("view", view, 1.0).unwrap();
+        stage.finish()
+    }
+
     /// A gauge of a box of so many steps, and what its next steps need.
     fn of_box(world: &World, seed: u64, steps: u32) -> (Gauge, View) {
         let size = PictureSize::new(32, 32).unwrap();
@@ -480,8 +521,8 @@ mod tests {
     /// and then no more.
     #[test]
     fn pilots_count_until_their_successors_do() {
-        let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
-        let (mut gauge, view) = of_box(&world, 0, PILOT_SAMPLES / STEP_SAMPLES - 1);
+        let world = World::prepare(Arc::new(over_a_shining_floor()));
+        let (mut gauge, view) = of_box(&world, 0, PILOT / STEP_SAMPLES - 1);
         gauge.concentrate(1e-3);
         assert_eq!(gauge.set_count(), 1, "too little is known");
         step(&mut gauge, &world, &view, 1);
@@ -489,7 +530,7 @@ mod tests {
         (0..2).for_each(|_| gauge.concentrate(1e-3));
         assert_eq!(gauge.set_count(), 2);
         assert!(gauge.cost().unwrap().variance.is_finite());
-        step(&mut gauge, &world, &view, PILOT_SAMPLES / STEP_SAMPLES / 2 - 1);
+        step(&mut gauge, &world, &view, PILOT / HALF_GROUPS / 2 - 1);
         assert_eq!(gauge.pixels(), pilot);
         step(&mut gauge, &world, &view, 1);
         let next = gauge.pixels();
@@ -502,19 +543,52 @@ mod tests {
         assert_eq!(gauge.set_count(), 2);
     }
 
+    /// However sets differ when they are taken again, no pixel is without a say at any time.
+    #[test]
+    fn no_pixel_is_lost_while_sets_are_taken_again() {
+        let world = World::prepare(Arc::new(over_a_shining_floor()));
+        let (mut gauge, view) = of_box(&world, 1, 0);
+        let never = AtomicBool::new(false);
+        let mut step = |gauge: &mut Gauge, samples_enough: u32| {
+            gauge.step((&world, &view), samples_enough, &[], [None, None], None, &never);
+        };
+        (0..2 * PILOT / STEP_SAMPLES).for_each(|_| step(&mut gauge, PILOT));
+        (0..2).for_each(|_| step(&mut gauge, PILOT + STEP_SAMPLES));
+        step(&mut gauge, PILOT + 2 * STEP_SAMPLES);
+        assert_eq!(gauge.set_count(), 2);
+        let count = gauge.pixels().len();
+        gauge.concentrate(1e-3);
+        assert_eq!(gauge.set_count(), 4);
+        let mut noises = Vec::new();
+        for _ in 0..120 {
+            step(&mut gauge, 1 << 14);
+            let pixels = gauge.pixels();
+            assert_eq!(pixels.len(), count);
+            noises.push(pixels.iter().map(|pixel| pixel.variance[1].powi(2)).sum::<f64>());
+        }
+        assert!(gauge.sets[2].samples > PILOT && gauge.sets[0].samples < 2 * PILOT);
+        assert!(noises[119] < 0.5 * noises[0], "{noises:?}");
+        // Sets before one that is asked for wait.
+        gauge.trace_from(4);
+        let before: Vec<u32> = gauge.sets.iter().map(|set| set.samples).collect();
+        (0..4).for_each(|_| step(&mut gauge, 16));
+        assert_eq!(gauge.sets[..4].iter().map(|set| set.samples).collect::<Vec<_>>(), before);
+        assert_eq!((gauge.sets[4].samples, gauge.sets[5].samples), (16, 16));
+    }
+
     /// With as many samples noisy pixels are known better and the sum of squared errors has less noise; what is found is as bright.
     #[test]
     fn noisy_pixels_get_more_samples() {
-        let world = World::prepare(Arc::new(samples::boxes().unwrap()));
+        let world = World::prepare(Arc::new(over_a_shining_floor()));
         let (mut noise, mut brightness) = ([0.0; 2], crate::math::RunningStatistics::default());
         for seed in 0..24 {
-            let (mut gauge, view) = of_box(&world, seed, PILOT_SAMPLES / STEP_SAMPLES);
+            let (mut gauge, view) = of_box(&world, seed, PILOT / STEP_SAMPLES);
             gauge.concentrate(1e-3);
-            step(&mut gauge, &world, &view, PILOT_SAMPLES / STEP_SAMPLES);
+            step(&mut gauge, &world, &view, PILOT / HALF_GROUPS);
             let [pilot, next] = [0, 1].map(|number| &gauge.sets[number]);
-            assert_eq!((pilot.samples, next.samples), (PILOT_SAMPLES, PILOT_SAMPLES));
+            assert_eq!((pilot.samples, next.samples), (PILOT, PILOT));
             let times = next.points.iter().map(|point| f64::from(point.times));
-            assert!(times.clone().all(|times| (1.0..=TIMES_MAX).contains(&times)));
+            assert!(times.clone().all(|times| (1.0..=TIMES_MAX[0]).contains(&times)));
             // As if both had taken as many in all.
             let mean = times.sum::<f64>() / next.points.len() as f64;
             assert!(mean > 1.0);

@@ -292,8 +292,8 @@ impl PhotonTracing {
             })
         };
         let changed = self.stale.take_changed();
-        let count = MAPPED.into_iter().map(|class| maps.photon_count(class)).sum();
-        let flights = self.paths.flights(count, normal_of).collect();
+        let flights_of = |class| self.paths.flights((class, maps.photon_count(class)), normal_of);
+        let flights = MAPPED.into_iter().flat_map(flights_of).collect();
         self.product = Arc::new(PhotonProduct::new(maps, before.generation + 1, changed, flights));
     }
 }

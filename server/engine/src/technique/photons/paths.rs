@@ -424,35 +424,32 @@ impl PhotonPaths {
             .collect()
     }
 
-    /// The last flights of some photons of those that maps hold, in order; see [`Flight::is_asked`]. None of lights without size that only
-    /// mirrors and glass sent on: no path finds such light (`caustics`).
+    /// The last flights of some photons of one class that maps hold, in order; see [`Flight::is_asked`]. Each has the flux of those that it
+    /// stands for.
     ///
-    /// - `count`: that maps hold
+    /// Of light that only mirrors and glass sent on, those of lights with a size: of lights without, no path finds what is perfectly smooth
+    /// sent on. (What rough metal sends on of such lights paths do find, by light sampling there; nothing leads them to it.)
+    ///
+    /// - `count`: that maps hold of the class
     /// - `normal_of`: unit normal of a triangle on a side of it
     pub fn flights(
         &self,
-        count: usize,
+        (class, count): (PathClass, usize),
         normal_of: impl Fn(TriangleSide) -> Vec3,
     ) -> impl Iterator<Item = Flight> {
-        let ways = self.sources.iter().flat_map(|photons| {
-            let of_block = move |(flux_w, block): (f32, _)| {
-                let block: &Block = block;
-                let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
-                ways.map(move |way| (flux_w, &way[0], &way[1]))
-            };
-            let is_found = |hit: &PhotonHit| match hit.class() {
-                PathClass::Indirect => true,
-                PathClass::Caustic => !photons.source.is_delta(),
-                _ => false,
-            };
-            let ways = photons.each_block().flat_map(of_block);
-            ways.filter(move |(.., hit)| hit.is_on_diffuse() && is_found(hit))
+        let is_focused = class == PathClass::Caustic;
+        let is_met = move |photons: &&SourcePhotons| !(is_focused && photons.source.is_delta());
+        let sources = self.sources.iter().filter(move |_| count > 0).filter(is_met);
+        let ways = sources.flat_map(SourcePhotons::each_block).flat_map(|(flux_w, block)| {
+            let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
+            ways.map(move |way| (flux_w, &way[0], &way[1]))
         });
+        let ways = ways.filter(move |(.., hit)| hit.is_on_diffuse() && hit.class() == class);
+        let flux_share = Flight::asked_share(count) as f32;
         let asked = (0..).zip(ways).filter(move |(number, _)| Flight::is_asked(*number, count));
         asked.filter_map(move |(_, (flux_w, before, hit))| {
             let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
-            let is_focused = hit.class() == PathClass::Caustic;
-            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w, is_focused })
+            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w / flux_share, is_focused })
         })
     }
 

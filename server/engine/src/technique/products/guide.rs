@@ -17,10 +17,10 @@ use glam::{Vec2, Vec3};
 
 use crate::math::{Frame, sobol::mix, warp};
 
-/// Flights that are asked at most, drawn evenly of more. With a quarter of them path tracing's variance times its rays was a tenth to a
+/// Flights of indirect and of focused light that are asked at most, each, drawn evenly of more. With a quarter of them path tracing's variance times its rays was a tenth to a
 /// quarter higher (two-rooms, spots, a corridor); four times as many are no better and take twice as long to sort.
 const FLIGHTS_MAX: usize = 1 << 17;
-/// Flights of a leaf at most, unless they ended at one point. Half as many or twice as many change variances by less than chance.
+/// Flights of either kind of a leaf at most, unless they ended at one point. Half as many or twice as many change variances by less than chance.
 const LEAF_FLIGHTS_MAX: usize = 256;
 /// Halvings of the tree at most: three times what as many flights need that lie evenly.
 const LEAF_DEPTH_MAX: u32 = 32;
@@ -110,7 +110,7 @@ impl Axis {
     }
 }
 
-/// The last flight of a photon that another surface sent on, past which light sampling does not see the light.
+/// The last flight of a photon that another surface sent on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Flight {
     /// Where it began, in render space.
@@ -126,11 +126,15 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// The flight of some number, of so many, is one of those that a [`Guide`] is made of; drawn by their numbers, for not every so-many-th,
-    /// which might be the first of every path.
+    /// The flight of some number, of so many of its kind, is one of those that a [`Guide`] is made of; drawn by their numbers, for not every
+    /// so-many-th, which might be the first of every path.
     pub fn is_asked(number: u64, count: usize) -> bool {
-        let share = (FLIGHTS_MAX as f64 / count.max(1) as f64 * 2f64.powi(64)) as u64;
-        mix(number) <= share
+        mix(number) <= (Flight::asked_share(count) * 2f64.powi(64)) as u64
+    }
+
+    /// Share of so many that are asked.
+    pub fn asked_share(count: usize) -> f64 {
+        (FLIGHTS_MAX as f64 / count.max(1) as f64).min(1.0)
     }
 
     fn along(&self, axis: Axis) -> f32 {
@@ -172,7 +176,7 @@ impl Guide {
     /// By some flights, see [`Flight::is_asked`]; `None` where there are none that brought light.
     pub fn of(mut flights: Vec<Flight>) -> Option<Guide> {
         flights.retain(|flight| flight.flux_w > 0.0 && flight.flux_w.is_finite());
-        flights.truncate(FLIGHTS_MAX);
+        flights.truncate(2 * FLIGHTS_MAX);
         if flights.is_empty() {
             return None;
         }
@@ -192,7 +196,7 @@ impl Guide {
 
     /// Adds a node of some flights, and all below it; returns whether light is even in all of it.
     fn sort(&mut self, flights: &mut [Flight], depth_left: u32) -> bool {
-        let halves = (flights.len() > LEAF_FLIGHTS_MAX && depth_left > 0).then(|| halve(flights)).flatten();
+        let halves = (are_many(flights) && depth_left > 0).then(|| halve(flights)).flatten();
         let Some((axis, at, below)) = halves else {
             self.nodes.push(Node::Leaf(self.leaves.len() as u32));
             let leaf = self.leaf_of(flights);
@@ -301,6 +305,14 @@ impl Guide {
             }
         }
     }
+}
+
+/// More than a leaf has: of either kind, but focused light does not part the last of what is told of indirect light.
+fn are_many(flights: &[Flight]) -> bool {
+    let focused = flights.iter().filter(|flight| flight.is_focused).count();
+    let indirect = flights.len() - focused;
+    let may_part = indirect == 0 || indirect >= LEAF_FLIGHTS_MAX / 2;
+    indirect > LEAF_FLIGHTS_MAX || focused > LEAF_FLIGHTS_MAX && may_part
 }
 
 /// Photons say no more of where light comes from than the cosine does.

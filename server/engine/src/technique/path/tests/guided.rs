@@ -209,9 +209,11 @@ fn nobody_is_guided_to_what_no_path_finds() {
         let mut photons =
             PhotonTracing::new(PhotonSettings { emitted_count: 10_000, ..PhotonSettings::default() });
         photons.trace_all(&world);
-        // All of them.
-        let all: Vec<Flight> = photons.paths().flights(1, |_| Vec3::Y).collect();
-        [true, false].map(|is_focused| all.iter().filter(|f| f.is_focused == is_focused).count())
+        [PathClass::Caustic, PathClass::Indirect].map(|class| {
+            let flights: Vec<Flight> = photons.paths().flights((class, 1), |_| Vec3::Y).collect();
+            assert!(flights.iter().all(|flight| flight.is_focused == (class == PathClass::Caustic)));
+            flights.len()
+        })
     };
     let [focused, indirect] = flights(true);
     assert!(focused > 500 && indirect > 500, "{focused} {indirect}");
