@@ -549,7 +549,7 @@ mod tests {
         let world = World::prepare(Arc::new(over_a_shining_floor()));
         let (mut gauge, view) = of_box(&world, 1, 0);
         let never = AtomicBool::new(false);
-        let mut step = |gauge: &mut Gauge, samples_enough: u32| {
+        let step = |gauge: &mut Gauge, samples_enough: u32| {
             gauge.step((&world, &view), samples_enough, &[], [None, None], None, &never);
         };
         (0..2 * PILOT / STEP_SAMPLES).for_each(|_| step(&mut gauge, PILOT));
