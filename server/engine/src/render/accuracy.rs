@@ -61,11 +61,20 @@ impl Rendering {
     /// - `measured`: its error now
     /// - `to_learn`: what others still learn of its light
     pub fn remaining(&self, measured: &MeasuredError, target: f64, to_learn: ToLearn) -> Option<Remaining> {
-        if measured.reaches(target) {
-            return Some(Remaining::Nothing);
-        }
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
+        let is_aimed_at = self.target.is_some_and(|own| (own - target).abs() < 1e-6);
+        // What is asked for is there once other pixels say so too.
+        let to_agree = match &self.measuring {
+            Some(measuring) if is_aimed_at && !self.is_confirmed => {
+                measuring.rays_to_agree(self.size(), rays)
+            }
+            _ => 0.0,
+        };
+        if measured.reaches(target) {
+            let more = Remaining::Work { rays: to_agree, passes: passes * to_agree / rays.max(1.0) };
+            return Some(if to_agree > 0.0 { more } else { Remaining::Nothing });
+        }
         let to_learn = match &self.learner {
             Some(learner) => learner.to_learn(),
             None => to_learn,
@@ -89,7 +98,8 @@ impl Rendering {
                     target,
                     rays,
                     measuring_share,
-                    is_aimed_at: self.target.is_some_and(|own| (own - target).abs() < 1e-6),
+                    is_aimed_at,
+                    to_agree,
                     traces: self.settings.indirect == Indirect::Auto,
                 };
                 way.remaining()

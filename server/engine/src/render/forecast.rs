@@ -417,6 +417,8 @@ pub(super) struct Way<'a> {
     pub(super) measuring_share: f64,
     /// Measuring takes as much work as drawing once only doubt is left.
     pub(super) is_aimed_at: bool,
+    /// Rays until it is found out that the error is there, once it seems so.
+    pub(super) to_agree: f64,
     /// Path tracing may join.
     pub(super) traces: bool,
 }
@@ -433,7 +435,9 @@ impl Way<'_> {
         loop {
             let error = scale * films.error(outlook);
             if error <= allowed(self.measured, target, growth) {
-                return Some(Remaining::Work { rays: more, passes: films.passes() - begun });
+                let drawn = films.passes() - begun;
+                let passes = drawn + films.passes() * self.to_agree / (rays + more);
+                return Some(Remaining::Work { rays: more + self.to_agree, passes });
             }
             let Shortfall { floor, sure_floor, .. } = outlook.shortfall();
             if !traces && scale * floor >= target * target {

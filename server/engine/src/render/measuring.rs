@@ -177,9 +177,19 @@ impl Measuring {
     }
 
     fn lacks_fresh_pixels(&self, size: PictureSize) -> bool {
-        // A mean of fewer than two has no spread.
-        let wanted = FRESH_PIXELS.min(size.pixel_count() / 2).max(2);
-        self.fresh_from.is_some_and(|first| self.gauge.pixels_since(first).len() < wanted)
+        self.fresh_from.is_some_and(|first| self.gauge.pixels_since(first).len() < fresh_pixels(size))
+    }
+
+    /// Rays until it is found out by fresh pixels whether the picture is as good as asked for, once it seems so: about, for they may also
+    /// say that it is not.
+    ///
+    /// - `rays_spent`: on all so far
+    pub(super) fn rays_to_agree(&self, size: PictureSize, rays_spent: f64) -> f64 {
+        let of_sample = self.gauge.cost().map_or(0.0, |cost| cost.rays);
+        let known = self.fresh_from.map_or(0, |first| self.gauge.pixels_since(first).len());
+        let samples = 2 * self.gauge.samples_max() as usize * fresh_pixels(size).saturating_sub(known);
+        // As much is drawn meanwhile, and it is looked at when the picture is decided on again.
+        (2.0 * of_sample * samples as f64).max(0.5 * DECIDED_GROWTH * rays_spent)
     }
 
     /// Fresh pixels find the picture as good as asked for. A gauge that takes no more of them has so many that no look at all of
@@ -335,6 +345,11 @@ impl Measuring {
             error.interval_95 == [0.0; 2] && film.noise().is_none_or(|(noise, _)| noise.rel_mse > 0.0);
         (!says_nothing).then_some(error)
     }
+}
+
+/// Fresh pixels that are asked: a mean of fewer than two has no spread.
+fn fresh_pixels(size: PictureSize) -> usize {
+    FRESH_PIXELS.min(size.pixel_count() / 2).max(2)
 }
 
 /// Where a film of looked-up light may be wrong or is hard to know, as a chance for each pixel: by its noise, and where there are

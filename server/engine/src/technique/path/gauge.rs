@@ -43,7 +43,7 @@ const PILOT_SAMPLES: RangeInclusive<u32> = 64..=256;
 /// A noisy pixel gets so many times as many samples as one in the quieter half, at most; and where halves have maps of hidden light in
 /// common, of which it sees no more than others.
 const TIMES_MAX: [f64; 2] = [16.0, 4.0];
-/// A set is taken again only where that leaves less than this share of the noise with as many samples.
+/// A set is taken again only where that leaves less than this share of the variance of its sum of squared errors with as many samples.
 const WORTH_WHILE: f64 = 0.6;
 
 /// What samples cost and how they spread.
