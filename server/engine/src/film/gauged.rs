@@ -24,7 +24,7 @@ pub struct GaugedPixel {
     pub index: usize,
     /// Pixels of the picture that it stands for, over those that each would stand for if all stood for as many.
     pub weight: f64,
-    /// Its samples, over those of the pixels that have the fewest.
+    /// Its samples, over those of the pixels of its set that have the fewest.
     pub times: f64,
     /// Means of groups of as many samples, W/(m² sr).
     pub groups: [[f64; 3]; GAUGED_GROUPS],

@@ -173,8 +173,8 @@ impl Standing {
     }
 }
 
-/// Relative variance of what one pixel finds with the fewest samples, by what all found: that of their mean times their number. A mean over pixels
-/// would not do: those that found nothing know of no variance.
+/// Relative variance of what one pixel finds with the fewest samples, by what all found: that of their mean times their number. A mean
+/// over pixels would not do: those that found nothing know of no variance.
 fn typical(pixels: &[GaugedPixel]) -> [f64; 3] {
     std::array::from_fn(|c| {
         let [mut weights, mut found, mut variance] = [0.0; 3];
@@ -187,9 +187,9 @@ fn typical(pixels: &[GaugedPixel]) -> [f64; 3] {
     })
 }
 
-/// Relative variance of what one pixel finds with the fewest samples, the median: half of the picture is known at least so well. Not the mean, in which a few
-/// noisy pixels are all: on bunny-room and dragon-room that was a deviation of 29 and 48 %, of 5 and 6 % at most pixels, so that
-/// nothing they found was believed and what lies in shadow weighed by the light around it, a fifth too little.
+/// Relative variance of what one pixel finds with the fewest samples, the median: half of the picture is known at least so well. Not the
+/// mean, in which a few noisy pixels are all: on bunny-room and dragon-room that was a deviation of 29 and 48 %, of 5 and 6 % at most pixels,
+/// so that nothing they found was believed and what lies in shadow weighed by the light around it, a fifth too little.
 fn usual(pixels: &[GaugedPixel], shown: &[Shown]) -> [f64; 3] {
     std::array::from_fn(|c| {
         let of = |(pixel, shown): (&GaugedPixel, &Shown)| {

@@ -29,12 +29,14 @@ pub(super) const DECIDED_GROWTH: f64 = 0.125;
 /// More pixels instead of more samples for those there are, once their errors differ by more than by what is not known of each, but
 /// never with fewer samples than the first of these, nor fewer pixels with more than the last.
 const SAMPLES_ENOUGH: [u32; 2] = [32, 16_384];
-/// Pixels below which their spread is not believed, and more are taken, or half of all there are: on bunny-room a hundredth of the pixels hold half of the
-/// squared error, and 132 that had met none of those looked as if they needed only more samples.
+/// Pixels below which their spread is not believed, and more are taken, or half of all there are: on bunny-room a hundredth of the pixels
+/// hold half of the squared error, and 132 that had met none of those looked as if they needed only more samples.
 const PIXELS_ENOUGH: usize = 512;
-/// The same where what is not known of each hides all error, once they have so many samples of either half: noise falls as one over samples
-/// and but as one over the root of pixels.
+/// The same where what is not known of each hides all error, once they have [`SAMPLES_NARROW`]: their mean's noise falls as one over samples,
+/// and only as one over the root of pixels.
 const PIXELS_LEAST: usize = 128;
+/// Samples of either half up to which fewer pixels will do there: with 128 from the start, told errors of fourteen scenes after 4 s were 1.28
+/// times the true ones in the mean, 1.03 so.
 const SAMPLES_NARROW: u32 = 512;
 /// Pixels that must agree that a picture is as good as asked for, or half of all there are, taken after it first seemed so: a
 /// picture is looked at again and again, and the first look that says so is more often than not a lucky one.
@@ -177,7 +179,8 @@ impl Measuring {
     }
 
     fn lacks_fresh_pixels(&self, size: PictureSize) -> bool {
-        self.fresh_from.is_some_and(|first| self.gauge.pixels_since(first).len() < fresh_pixels(size))
+        let lacks = |first: usize| self.gauge.pixels_since(first).len() < fresh_pixels(size);
+        !self.gauge.is_full() && self.fresh_from.is_some_and(lacks)
     }
 
     /// Rays until it is found out by fresh pixels whether the picture is as good as asked for, once it seems so: about, for they may also

@@ -17,8 +17,9 @@ use glam::{Vec2, Vec3};
 
 use crate::math::{Frame, sobol::mix, warp};
 
-/// Flights of indirect and of focused light that are asked at most, each, drawn evenly of more. With a quarter of them path tracing's variance times its rays was a tenth to a
-/// quarter higher (two-rooms, spots, a corridor); four times as many are no better and take twice as long to sort.
+/// Flights of indirect and of focused light that are asked at most, each, drawn evenly of more. With a quarter of them path tracing's
+/// variance times its rays was a tenth to a quarter higher (two-rooms, spots, a corridor); four times as many are no better and take twice
+/// as long to sort.
 const FLIGHTS_MAX: usize = 1 << 17;
 /// Flights of either kind of a leaf at most, unless they ended at one point. Half as many or twice as many change variances by less than chance.
 const LEAF_FLIGHTS_MAX: usize = 256;

@@ -283,7 +283,8 @@ impl PhotonProduct {
         self.flights.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the photons say of where light comes from; `None` without photons that paths could look for. Whoever asks first waits some tens of milliseconds.
+    /// What the photons say of where light comes from; `None` without photons that paths could look for. Whoever asks first waits some
+    /// tens of milliseconds.
     pub fn guide(&self) -> Option<&Guide> {
         // On the one thread that asks: sharing the work out could hand it another's question for the same.
         self.guide.get_or_init(|| Guide::of(std::mem::take(&mut *self.flights()))).as_ref()
