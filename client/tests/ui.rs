@@ -473,10 +473,22 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
             film_size: [640, 360],
             scale: 0.5,
             forecast: vec![
-                Forecast { error: 0.1, when: ForecastWhen::Reached, seconds: Some(2.0), figure: None },
-                Forecast { error: 0.02, when: ForecastWhen::In, seconds: Some(40.0), figure: None },
+                Forecast {
+                    error: 0.1,
+                    when: ForecastWhen::Reached,
+                    seconds: Some(2.0),
+                    between: None,
+                    figure: None,
+                },
+                Forecast {
+                    error: 0.02,
+                    when: ForecastWhen::In,
+                    seconds: Some(40.0),
+                    between: Some([15.0, 90.0]),
+                    figure: None,
+                },
             ],
-            forecast_record: ForecastRecord { judged: 12, right: 11 },
+            forecast_record: ForecastRecord { judged: 12, right: 9, held: 11 },
         };
         server.hear(&mut window, &ServerMessage::Stats(stats));
     }
@@ -486,8 +498,8 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
     window.get_by_label("640 × 360  (scaled 50 %)");
     window.get_by_label("20 sent, 2 skipped");
     window.get_by_label("since 2 s");
-    window.get_by_label("in about 40 s");
-    window.get_by_label("11 of 12");
+    window.get_by_label("in 15 to 90 s");
+    window.get_by_label("11 of 12, 9 within a quarter");
 }
 
 #[test]

@@ -71,6 +71,10 @@ pub struct Forecast {
     /// With `in`: from now on. With `reached`: since the film restarted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
+    /// With `in`: four of five times between these, seconds from now on. Farther apart than a quarter of the time in all where the error is
+    /// known badly or light is still learnt.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub between: Option<[f64; 2]>,
     /// With `out_of_reach`: the technique's own error, √relMSE as a fraction. With `beyond_samples`: samples a pixel that it
     /// would take.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -100,14 +104,22 @@ pub struct ForecastRecord {
     pub judged: u64,
     /// Those of them that named the time within a quarter of it.
     pub right: u64,
+    /// Those of them for which it came between the times that were told, or may still.
+    #[serde(default)]
+    pub held: u64,
 }
 
 impl fmt::Display for Forecast {
-    /// Without its error: "in about 4 s".
+    /// Without its error: "in about 4 s", or "in 3 to 12 s" where it is not known as well as that.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (self.when, self.seconds, self.figure) {
             (ForecastWhen::Reached, Some(seconds), _) => write!(f, "since {}", About(seconds)),
-            (ForecastWhen::In, Some(seconds), _) => write!(f, "in about {}", About(seconds)),
+            (ForecastWhen::In, Some(seconds), _) => match self.between {
+                Some(between) if between[0] < seconds / APART || between[1] > seconds * APART => {
+                    write!(f, "in {}", Between(between))
+                }
+                _ => write!(f, "in about {}", About(seconds)),
+            },
             (ForecastWhen::OutOfReach, _, Some(error)) => {
                 write!(f, "never: the technique's own error is {:.1} %", 100.0 * error)
             }
@@ -119,17 +131,48 @@ impl fmt::Display for Forecast {
     }
 }
 
+/// Times that differ from what is named by more than so many times are told themselves.
+const APART: f64 = 1.7;
+/// A time that is less than this share of another is as good as now beside it.
+const NOW: f64 = 0.1;
+
 /// A time to two figures at most, as one says it.
 struct About(f64);
 
+impl About {
+    /// In its unit, with how many digits behind the point, and the unit.
+    fn parts(&self) -> (f64, usize, &'static str) {
+        match self.0 {
+            s if s < 0.95 => (s, 1, "s"),
+            s if s < 99.5 => (s, 0, "s"),
+            s if s < 99.5 * 60.0 => (s / 60.0, 0, "min"),
+            s if s < 99.5 * 3600.0 => (s / 3600.0, 0, "h"),
+            s => (s / 86_400.0, 0, "days"),
+        }
+    }
+}
+
 impl fmt::Display for About {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0 {
-            s if s < 0.95 => write!(f, "{s:.1} s"),
-            s if s < 99.5 => write!(f, "{s:.0} s"),
-            s if s < 99.5 * 60.0 => write!(f, "{:.0} min", s / 60.0),
-            s if s < 99.5 * 3600.0 => write!(f, "{:.0} h", s / 3600.0),
-            s => write!(f, "{:.0} days", s / 86_400.0),
+        let (figure, digits, unit) = self.parts();
+        write!(f, "{figure:.digits$} {unit}")
+    }
+}
+
+/// Two times, the unit told once if it is the same: "3 to 12 s"; "up to 12 s" where the first is as good as now.
+struct Between([f64; 2]);
+
+impl fmt::Display for Between {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [least, most] = self.0;
+        if !(least >= NOW * most) {
+            return write!(f, "up to {}", About(most));
+        }
+        let ((figure, digits, unit), (_, _, unit_of_most)) = (About(least).parts(), About(most).parts());
+        if unit == unit_of_most {
+            write!(f, "{figure:.digits$} to {}", About(most))
+        } else {
+            write!(f, "{} to {}", About(least), About(most))
         }
     }
 }
@@ -140,7 +183,9 @@ mod tests {
 
     #[test]
     fn forecasts_are_told_in_words() {
-        let of = |when, seconds, figure| Forecast { error: 0.02, when, seconds, figure }.to_string();
+        let of = |when, seconds, figure| {
+            Forecast { error: 0.02, when, seconds, between: None, figure }.to_string()
+        };
         assert_eq!(of(ForecastWhen::Reached, Some(0.42), None), "since 0.4 s");
         assert_eq!(of(ForecastWhen::In, Some(3.7), None), "in about 4 s");
         assert_eq!(of(ForecastWhen::In, Some(1200.0), None), "in about 20 min");
@@ -150,6 +195,23 @@ mod tests {
         let beyond = of(ForecastWhen::BeyondSamples, None, Some(2.5e5));
         assert_eq!(beyond, "not before it ends: that would take 250000 samples a pixel");
         assert_eq!(of(ForecastWhen::Unknown, None, None), "not known yet");
+    }
+
+    /// What is known badly is told as what it is.
+    #[test]
+    fn times_that_are_known_badly_are_told_apart() {
+        let of = |seconds, between| {
+            let when = ForecastWhen::In;
+            Forecast { error: 0.02, when, seconds: Some(seconds), between: Some(between), figure: None }
+                .to_string()
+        };
+        assert_eq!(of(4.0, [3.0, 5.0]), "in about 4 s");
+        assert_eq!(of(6.0, [3.0, 12.0]), "in 3 to 12 s");
+        assert_eq!(of(1.0, [0.0, 12.0]), "in up to 12 s");
+        assert_eq!(of(1.0, [0.5, 2.0]), "in 0.5 to 2 s");
+        assert_eq!(of(90.0, [40.0, 190.0]), "in 40 s to 3 min");
+        assert_eq!(of(5e5, [2e5, 1e6]), "in 56 h to 12 days");
+        assert_eq!(of(0.0, [0.0, 0.0]), "in about 0.0 s");
     }
 
     /// The error asked for stands among the presets, once.

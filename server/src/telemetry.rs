@@ -122,9 +122,11 @@ pub struct Metrics {
     pub photon_groups_diverged: Counter,
     pub samples: Counter,
     pub render_us: Counter,
-    /// Forecasts of errors that were reached since, and those that named the time within a quarter of it.
+    /// Forecasts of errors that were reached since, those that named the time within a quarter of it, and those that told it between two
+    /// times rightly.
     pub forecasts_judged: Counter,
     pub forecasts_right: Counter,
+    pub forecasts_held: Counter,
     pub film_bytes: Gauge,
 }
 
@@ -156,6 +158,7 @@ impl Default for Metrics {
             render_us: Counter::default(),
             forecasts_judged: Counter::default(),
             forecasts_right: Counter::default(),
+            forecasts_held: Counter::default(),
             film_bytes: Gauge::default(),
         }
     }
@@ -208,6 +211,11 @@ impl Metrics {
                 "forecasts_right_total",
                 "Forecasts that named the time within a quarter of it",
                 &self.forecasts_right,
+            ),
+            (
+                "forecasts_held_total",
+                "Forecasts for which it came between the times that were told, or may still",
+                &self.forecasts_held,
             ),
         ];
         for (name, help, counter) in counters {

@@ -126,18 +126,22 @@ pub fn tone_map(tone_map: wire::ToneMap) -> film::ToneMap {
 pub fn forecast(expected: &render::Expected) -> wire::Forecast {
     let (when, seconds, figure) = match expected.when {
         render::When::Reached { at_s } => (wire::ForecastWhen::Reached, Some(at_s), None),
-        render::When::In { seconds } => (wire::ForecastWhen::In, Some(seconds), None),
+        render::When::In { seconds, .. } => (wire::ForecastWhen::In, Some(seconds), None),
         render::When::OutOfReach { error } => (wire::ForecastWhen::OutOfReach, None, Some(error)),
         render::When::BeyondSamples { samples } => (wire::ForecastWhen::BeyondSamples, None, Some(samples)),
         render::When::Unknown => (wire::ForecastWhen::Unknown, None, None),
     };
-    wire::Forecast { error: expected.target as f32, when, seconds, figure }
+    let between = match expected.when {
+        render::When::In { between, .. } => Some(between),
+        _ => None,
+    };
+    wire::Forecast { error: expected.target as f32, when, seconds, between, figure }
 }
 
 /// How many forecasts came true, for the wire.
 pub fn forecast_record(record: render::ForecastRecord) -> wire::ForecastRecord {
-    let render::ForecastRecord { judged, right } = record;
-    wire::ForecastRecord { judged, right }
+    let render::ForecastRecord { judged, right, held } = record;
+    wire::ForecastRecord { judged, right, held }
 }
 
 /// Effects that a viewer chooses in place of the scene's plan.

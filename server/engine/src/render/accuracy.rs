@@ -5,10 +5,10 @@ use std::sync::atomic::AtomicBool;
 use super::{
     Indirect, Remaining, RenderSettings, Rendering, ToLearn, all_paths,
     chain::{Outlook, Spent},
-    forecast::{self, Way},
     hidden::{HiddenFor, HiddenHalves, HiddenLight},
     measuring::Measuring,
     own_picture,
+    remaining::{self, Way},
 };
 use crate::{
     film::{MeasuredError, Picture},
@@ -75,10 +75,7 @@ impl Rendering {
             let more = Remaining::Work { rays: to_agree, passes: passes * to_agree / rays.max(1.0) };
             return Some(if to_agree > 0.0 { more } else { Remaining::Nothing });
         }
-        let to_learn = match &self.learner {
-            Some(learner) => learner.to_learn(),
-            None => to_learn,
-        };
+        let to_learn = self.still_to_learn(to_learn);
         if to_learn == ToLearn::Nothing && self.is_at_its_best() {
             return Some(Remaining::OutOfReach { error: measured.error() });
         }
@@ -87,7 +84,7 @@ impl Rendering {
             return None;
         }
         match &self.outlook {
-            Some(outlook) if to_learn == ToLearn::Nothing => {
+            Some(outlook) => {
                 let measuring_share = match &self.measuring {
                     Some(measuring) => measuring.share_of_rays(),
                     None => self.settings.measuring.of_rays(),
@@ -101,12 +98,20 @@ impl Rendering {
                     is_aimed_at,
                     to_agree,
                     traces: self.settings.indirect == Indirect::Auto,
+                    learns: to_learn != ToLearn::Nothing,
                 };
                 way.remaining()
             }
             // What is not known yet of the light falls about as noise does.
-            _ => forecast::as_noise(measured, target, rays, passes),
+            None => remaining::as_noise(measured, target, rays, passes),
         }
+    }
+
+    /// What is still to be learnt of its light.
+    ///
+    /// - `by_others`: what others still learn of it
+    pub(super) fn still_to_learn(&self, by_others: ToLearn) -> ToLearn {
+        self.learner.as_ref().map_or(by_others, |learner| learner.to_learn())
     }
 
     /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.

@@ -5,8 +5,8 @@
 //! error of the looked-up film and v / n that of n path-traced samples, the blend's inverse is 1/e² + n/v.
 
 use super::{
-    forecast::noise_gain,
     measuring::{DECIDED_GROWTH, Measuring},
+    remaining::noise_gain,
 };
 use crate::{
     film::{Film, Picture},
@@ -196,14 +196,16 @@ impl Films {
     }
 
     /// relMSE of the blend.
-    pub(super) fn error(&self, outlook: &Outlook) -> f64 {
-        let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
+    ///
+    /// - `unlearnt`: share of what only knowing the light better takes off that is left
+    pub(super) fn error(&self, outlook: &Outlook, unlearnt: f64) -> f64 {
+        let own = self.own_error(outlook, unlearnt).max(f64::MIN_POSITIVE);
         1.0 / (1.0 / own + self.traced_alike(outlook) / outlook.variance.max(f64::MIN_POSITIVE))
     }
 
-    fn own_error(&self, outlook: &Outlook) -> f64 {
+    fn own_error(&self, outlook: &Outlook, unlearnt: f64) -> f64 {
         let Shortfall { noise, floor, .. } = outlook.shortfall();
-        floor + noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes))
+        unlearnt * floor + noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes))
     }
 
     /// Path-traced passes of which each is worth as much as those that there were when it was found.
@@ -212,12 +214,19 @@ impl Films {
         found * noise_gain(self.traced / found)
     }
 
+    /// Goes on by so many shares more of the passes of both, as while light is learnt.
+    pub(super) fn go_on(&mut self, share: f64) {
+        self.looked_up *= 1.0 + share;
+        self.traced *= 1.0 + share;
+    }
+
     /// Goes on by passes of whichever film takes more off for each ray, or of looked-up light alone; returns the rays.
     ///
     /// - `share`: of the passes there are, at least one
-    pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool) -> f64 {
+    /// - `unlearnt`: as for [`Films::error`]
+    pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool, unlearnt: f64) -> f64 {
         let passes = (share * self.passes()).max(1.0);
-        let own = self.own_error(outlook).max(f64::MIN_POSITIVE);
+        let own = self.own_error(outlook, unlearnt).max(f64::MIN_POSITIVE);
         let Shortfall { noise, .. } = outlook.shortfall();
         let falls = noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes)) / self.looked_up;
         let by_looking_up = falls / own / own / outlook.looked_up_rays.max(1.0);
@@ -229,6 +238,29 @@ impl Films {
         } else {
             self.looked_up += passes;
             passes * outlook.looked_up_rays.max(1.0)
+        }
+    }
+}
+
+#[cfg(test)]
+impl Outlook {
+    /// After 64 passes of looked-up light and none of path tracing, both of 10⁵ rays.
+    ///
+    /// - `variance`: of a path-traced pass
+    pub(super) fn after_64_passes(noise: f64, floor: f64, variance: f64) -> Outlook {
+        Outlook {
+            samples: 64,
+            noise,
+            film_noise: noise,
+            passes: 64,
+            error: noise + floor,
+            sure_error: noise + floor,
+            light_noise: 0.0,
+            kept_passes: 64,
+            variance,
+            traced_passes: 0,
+            looked_up_rays: 1e5,
+            traced_rays: 1e5,
         }
     }
 }

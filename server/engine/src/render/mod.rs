@@ -16,6 +16,7 @@ mod illumination;
 mod learner;
 mod learning;
 mod measuring;
+mod remaining;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -51,10 +52,11 @@ use measuring::Measuring;
 
 #[cfg(feature = "gpu")]
 pub use backend::BackendTrial;
-pub use forecast::{Expected, ForecastRecord, Forecasts, Remaining, ToLearn, When};
+pub use forecast::{Expected, ForecastRecord, Forecasts, When};
 pub use illumination::{Illumination, IlluminationReport, IlluminationSettings, Stage};
 pub use learner::{Learner, RecordReport};
 pub use measuring::MeasuringShare;
+pub use remaining::{Remaining, ToLearn};
 pub use settings::{Backend, Indirect, Learning, Learnt, RenderSettings};
 
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
