@@ -488,7 +488,7 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
                     figure: None,
                 },
             ],
-            forecast_record: ForecastRecord { judged: 12, right: 9, held: 11 },
+            forecast_record: ForecastRecord { judged: 12, right: 9, decided: 11, held: 10 },
         };
         server.hear(&mut window, &ServerMessage::Stats(stats));
     }
@@ -498,8 +498,9 @@ fn the_plot_and_the_numbers_show_what_the_server_measured() {
     window.get_by_label("640 × 360  (scaled 50 %)");
     window.get_by_label("20 sent, 2 skipped");
     window.get_by_label("since 2 s");
-    window.get_by_label("in 15 to 90 s");
-    window.get_by_label("11 of 12, 9 within a quarter");
+    window.get_by_label("in about 40 s (15 to 90 s)");
+    window.get_by_label("10 of 11");
+    window.get_by_label("9 of 12");
 }
 
 #[test]

@@ -71,8 +71,8 @@ pub struct Forecast {
     /// With `in`: from now on. With `reached`: since the film restarted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// With `in`: four of five times between these, seconds from now on. Farther apart than a quarter of the time in all where the error is
-    /// known badly or light is still learnt.
+    /// With `in`: four of five times between these, seconds from now on, where the error is known badly or light is still learnt. Left out
+    /// where the time in all is known to a quarter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between: Option<[f64; 2]>,
     /// With `out_of_reach`: the technique's own error, √relMSE as a fraction. With `beyond_samples`: samples a pixel that it
@@ -104,22 +104,26 @@ pub struct ForecastRecord {
     pub judged: u64,
     /// Those of them that named the time within a quarter of it.
     pub right: u64,
-    /// Those of them for which it came between the times that were told, or may still.
+    /// Those of all judged of which it is known whether it came between the times that were told, or within a quarter where none were.
+    #[serde(default)]
+    pub decided: u64,
+    /// Those of them for which it did.
     #[serde(default)]
     pub held: u64,
 }
 
 impl fmt::Display for Forecast {
-    /// Without its error: "in about 4 s", or "in 3 to 12 s" where it is not known as well as that.
+    /// Without its error: "in about 4 s", and "in about 4 s (2 to 9 s)" where the time is not known to a quarter.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (self.when, self.seconds, self.figure) {
             (ForecastWhen::Reached, Some(seconds), _) => write!(f, "since {}", About(seconds)),
-            (ForecastWhen::In, Some(seconds), _) => match self.between {
-                Some(between) if between[0] < seconds / APART || between[1] > seconds * APART => {
-                    write!(f, "in {}", Between(between))
+            (ForecastWhen::In, Some(seconds), _) => {
+                match seconds < SOON {
+                    true => f.write_str("at any moment")?,
+                    false => write!(f, "in about {}", About(seconds))?,
                 }
-                _ => write!(f, "in about {}", About(seconds)),
-            },
+                self.between.map_or(Ok(()), |between| write!(f, " ({})", Between(between)))
+            }
             (ForecastWhen::OutOfReach, _, Some(error)) => {
                 write!(f, "never: the technique's own error is {:.1} %", 100.0 * error)
             }
@@ -131,8 +135,8 @@ impl fmt::Display for Forecast {
     }
 }
 
-/// Times that differ from what is named by more than so many times are told themselves.
-const APART: f64 = 1.7;
+/// Seconds that nobody waits for.
+const SOON: f64 = 0.05;
 /// A time that is less than this share of another is as good as now beside it.
 const NOW: f64 = 0.1;
 
@@ -165,7 +169,7 @@ struct Between([f64; 2]);
 impl fmt::Display for Between {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [least, most] = self.0;
-        if !(least >= NOW * most) {
+        if !(least >= NOW * most && least >= SOON) {
             return write!(f, "up to {}", About(most));
         }
         let ((figure, digits, unit), (_, _, unit_of_most)) = (About(least).parts(), About(most).parts());
@@ -190,6 +194,7 @@ mod tests {
         assert_eq!(of(ForecastWhen::In, Some(3.7), None), "in about 4 s");
         assert_eq!(of(ForecastWhen::In, Some(1200.0), None), "in about 20 min");
         assert_eq!(of(ForecastWhen::In, Some(1e6), None), "in about 12 days");
+        assert_eq!(of(ForecastWhen::In, Some(0.0), None), "at any moment");
         let never = of(ForecastWhen::OutOfReach, None, Some(0.061));
         assert_eq!(never, "never: the technique's own error is 6.1 %");
         let beyond = of(ForecastWhen::BeyondSamples, None, Some(2.5e5));
@@ -205,13 +210,12 @@ mod tests {
             Forecast { error: 0.02, when, seconds: Some(seconds), between: Some(between), figure: None }
                 .to_string()
         };
-        assert_eq!(of(4.0, [3.0, 5.0]), "in about 4 s");
-        assert_eq!(of(6.0, [3.0, 12.0]), "in 3 to 12 s");
-        assert_eq!(of(1.0, [0.0, 12.0]), "in up to 12 s");
-        assert_eq!(of(1.0, [0.5, 2.0]), "in 0.5 to 2 s");
-        assert_eq!(of(90.0, [40.0, 190.0]), "in 40 s to 3 min");
-        assert_eq!(of(5e5, [2e5, 1e6]), "in 56 h to 12 days");
-        assert_eq!(of(0.0, [0.0, 0.0]), "in about 0.0 s");
+        assert_eq!(of(6.0, [3.0, 12.0]), "in about 6 s (3 to 12 s)");
+        assert_eq!(of(1.0, [0.0, 12.0]), "in about 1 s (up to 12 s)");
+        assert_eq!(of(1.0, [0.5, 2.0]), "in about 1 s (0.5 to 2 s)");
+        assert_eq!(of(90.0, [40.0, 190.0]), "in about 90 s (40 s to 3 min)");
+        assert_eq!(of(5e5, [2e5, 1e6]), "in about 6 days (56 h to 12 days)");
+        assert_eq!(of(0.04, [0.03, 0.4]), "at any moment (up to 0.4 s)");
     }
 
     /// The error asked for stands among the presets, once.

@@ -122,10 +122,11 @@ pub struct Metrics {
     pub photon_groups_diverged: Counter,
     pub samples: Counter,
     pub render_us: Counter,
-    /// Forecasts of errors that were reached since, those that named the time within a quarter of it, and those that told it between two
-    /// times rightly.
+    /// Forecasts of errors that were reached since, those that named the time within a quarter of it, those of which it is known whether it
+    /// came between the times that were told, and those for which it did.
     pub forecasts_judged: Counter,
     pub forecasts_right: Counter,
+    pub forecasts_decided: Counter,
     pub forecasts_held: Counter,
     pub film_bytes: Gauge,
 }
@@ -158,6 +159,7 @@ impl Default for Metrics {
             render_us: Counter::default(),
             forecasts_judged: Counter::default(),
             forecasts_right: Counter::default(),
+            forecasts_decided: Counter::default(),
             forecasts_held: Counter::default(),
             film_bytes: Gauge::default(),
         }
@@ -213,8 +215,13 @@ impl Metrics {
                 &self.forecasts_right,
             ),
             (
+                "forecasts_decided_total",
+                "Forecasts of which it is known whether it came between the times that were told",
+                &self.forecasts_decided,
+            ),
+            (
                 "forecasts_held_total",
-                "Forecasts for which it came between the times that were told, or may still",
+                "Forecasts for which it came between the times that were told",
                 &self.forecasts_held,
             ),
         ];

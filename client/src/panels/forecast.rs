@@ -50,11 +50,15 @@ pub fn show(ui: &mut Ui, stats: &Stats) {
         };
         fact(ui, &label, hint, text);
     }
-    let ForecastRecord { judged, right, held } = stats.forecast_record;
+    let ForecastRecord { judged, right, decided, held } = stats.forecast_record;
+    if decided > 0 {
+        let hint = "Forecasts for which it came between the times that were told, or within a quarter where none were";
+        fact(ui, "Came true", hint, format!("{held} of {decided}"));
+    }
     if judged > 0 {
-        let hint = "Of the forecasts whose error was reached since or whose time went by, those for which it came between the times that \
-                    were told, and those that named it within a quarter";
-        fact(ui, "Came true", hint, format!("{held} of {judged}, {right} within a quarter"));
+        let hint = "Forecasts that named the time within a quarter of it, of those whose error was reached since or whose \
+                    time went by";
+        fact(ui, "To a quarter", hint, format!("{right} of {judged}"));
     }
 }
 

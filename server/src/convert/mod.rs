@@ -132,7 +132,7 @@ pub fn forecast(expected: &render::Expected) -> wire::Forecast {
         render::When::Unknown => (wire::ForecastWhen::Unknown, None, None),
     };
     let between = match expected.when {
-        render::When::In { between, .. } => Some(between),
+        render::When::In { between, .. } => between,
         _ => None,
     };
     wire::Forecast { error: expected.target as f32, when, seconds, between, figure }
@@ -140,8 +140,8 @@ pub fn forecast(expected: &render::Expected) -> wire::Forecast {
 
 /// How many forecasts came true, for the wire.
 pub fn forecast_record(record: render::ForecastRecord) -> wire::ForecastRecord {
-    let render::ForecastRecord { judged, right, held } = record;
-    wire::ForecastRecord { judged, right, held }
+    let render::ForecastRecord { judged, right, decided, held } = record;
+    wire::ForecastRecord { judged, right, decided, held }
 }
 
 /// Effects that a viewer chooses in place of the scene's plan.

@@ -547,6 +547,7 @@ impl Painter {
             let metrics = &self.scene.workshop.metrics;
             metrics.forecasts_judged.add(came_true.judged);
             metrics.forecasts_right.add(came_true.right);
+            metrics.forecasts_decided.add(came_true.decided);
             metrics.forecasts_held.add(came_true.held);
         }
         let aim = Aim { error: wish.target_error, irradiance_accuracy: wish.irradiance_accuracy };

@@ -79,8 +79,7 @@ impl Rendering {
         if to_learn == ToLearn::Nothing && self.is_at_its_best() {
             return Some(Remaining::OutOfReach { error: measured.error() });
         }
-        // A round that does not end in time brings nothing more.
-        if to_learn == ToLearn::Rounds && !self.is_late() {
+        if to_learn == ToLearn::Rounds {
             return None;
         }
         match &self.outlook {
@@ -102,7 +101,7 @@ impl Rendering {
                 };
                 way.remaining()
             }
-            // What is not known yet of the light falls about as noise does.
+            // Path tracing, and what is not known yet of looked-up light.
             None => remaining::as_noise(measured, target, rays, passes),
         }
     }
@@ -111,7 +110,12 @@ impl Rendering {
     ///
     /// - `by_others`: what others still learn of it
     pub(super) fn still_to_learn(&self, by_others: ToLearn) -> ToLearn {
-        self.learner.as_ref().map_or(by_others, |learner| learner.to_learn())
+        match &self.learner {
+            // What does not end in time brings nothing more.
+            Some(_) if self.is_late() => ToLearn::Nothing,
+            Some(learner) => learner.to_learn(),
+            None => by_others,
+        }
     }
 
     /// The picture is to have this error (√relMSE), if any: whether it has is then found out with more than the usual share.

@@ -20,6 +20,7 @@ const OPEN_MAX: usize = 256;
 const LATELY: f64 = 0.25;
 /// … but no less is left than this share of what the last look found.
 const LEAST_OF_LAST: f64 = 0.1;
+
 /// When a picture will have an error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum When {
@@ -32,8 +33,8 @@ pub enum When {
     In {
         /// From now on.
         seconds: f64,
-        /// Four of five times between these, seconds from now on.
-        between: [f64; 2],
+        /// Four of five times between these, seconds from now on; `None` where the time in all is known to a quarter.
+        between: Option<[f64; 2]>,
     },
     /// Never: the technique's own error is this much, √relMSE.
     OutOfReach {
@@ -65,7 +66,9 @@ pub struct ForecastRecord {
     pub judged: u64,
     /// Those that named the time within a quarter of it.
     pub right: u64,
-    /// Those for which it came between the times that were told, or may still.
+    /// Those of all judged of which it is known whether it came between the times that were told, or within a quarter where none were.
+    pub decided: u64,
+    /// Those of them for which it did.
     pub held: u64,
 }
 
@@ -99,7 +102,7 @@ struct Said {
     /// When it is to come; never: infinite.
     at_s: f64,
     /// Between when.
-    between_s: [f64; 2],
+    between_s: Option<[f64; 2]>,
 }
 
 impl Forecasts {
@@ -177,10 +180,9 @@ impl Forecasts {
         let rate = self.pace.rays_a_second();
         let passes = f64::from(rendering.passes());
         let off_by = off_by(measured, rendering.still_to_learn(to_learn));
-        let soon = |at_s: f64| When::In {
-            seconds: at_s - worked_s,
-            between: [at_s / off_by, at_s * off_by].map(|at_s| (at_s - worked_s).max(0.0)),
-        };
+        // What was done before a rest is as uncertain as what is to come.
+        let rested_s = rate.map_or(0.0, |rate| (rendering.spent_rays() as f64 / rate - worked_s).max(0.0));
+        let soon = |at_s: f64| soon([worked_s, at_s], rested_s, off_by);
         let mut record = self.record;
         let mut coarser = When::Unknown;
         let expected = self.goals.iter_mut().map(|goal| {
@@ -236,16 +238,32 @@ impl Forecasts {
 fn off_by(measured: Option<MeasuredError>, to_learn: ToLearn) -> f64 {
     let Some(measured) = measured.filter(|_| to_learn == ToLearn::Nothing) else { return OFF_BY_MOST };
     let [_, high] = measured.interval_95;
-    (high / measured.rel_mse.max(f64::MIN_POSITIVE)).clamp(1.0 + RIGHT_WITHIN, OFF_BY_MOST)
+    (high / measured.rel_mse.max(f64::MIN_POSITIVE)).clamp(1.0, OFF_BY_MOST)
+}
+
+/// That it comes at a time.
+///
+/// - `times`: now, and when, seconds from when work began or went on
+/// - `rested_s`: how long the work before that would have taken
+fn soon([worked_s, at_s]: [f64; 2], rested_s: f64, off_by: f64) -> When {
+    let all_s = rested_s + at_s;
+    let from_now = |all_s: f64| (all_s - rested_s - worked_s).max(0.0);
+    let between = [all_s / off_by, all_s * off_by].map(from_now);
+    When::In { seconds: at_s - worked_s, between: (off_by > 1.0 + RIGHT_WITHIN).then_some(between) }
 }
 
 impl When {
     /// No finer error comes before a coarser one, whatever single looks found.
     fn no_sooner_than(self, coarser: When) -> When {
         match (coarser, self) {
-            (When::In { seconds: before, between: [least, most] }, When::In { seconds, between }) => {
-                let between = [between[0].max(least), between[1].max(most)];
-                When::In { seconds: seconds.max(before), between }
+            (When::In { seconds: before, between: around }, When::In { seconds, between }) => {
+                let of = |between: Option<[f64; 2]>, seconds| between.unwrap_or([seconds; 2]);
+                let ([least, most], [own_least, own_most]) = (of(around, before), of(between, seconds));
+                let is_known = around.is_none() && between.is_none();
+                When::In {
+                    seconds: seconds.max(before),
+                    between: (!is_known).then(|| [least.max(own_least), most.max(own_most)]),
+                }
             }
             (When::OutOfReach { error }, When::In { .. } | When::BeyondSamples { .. } | When::Unknown) => {
                 When::OutOfReach { error }
@@ -284,12 +302,14 @@ impl Goal {
 
     /// Keeps what is said, to be judged by.
     fn keep(&mut self, now_s: f64, when: When) {
-        let [at_s, least_s, most_s] = match when {
-            When::In { seconds, between: [least, most] } => [seconds, least, most].map(|s| now_s + s),
-            When::OutOfReach { .. } => [f64::INFINITY; 3],
+        let (at_s, between_s) = match when {
+            When::In { seconds, between } => {
+                (now_s + seconds, between.map(|between| between.map(|seconds| now_s + seconds)))
+            }
+            When::OutOfReach { .. } => (f64::INFINITY, None),
             When::Reached { .. } | When::BeyondSamples { .. } | When::Unknown => return,
         };
-        push_bounded(&mut self.open, Said { said_s: now_s, at_s, between_s: [least_s, most_s] });
+        push_bounded(&mut self.open, Said { said_s: now_s, at_s, between_s });
     }
 }
 
@@ -309,10 +329,12 @@ impl ForecastRecord {
     /// Of one target that was reached at that time.
     fn judge(&mut self, open: &[Said], reached_s: f64) {
         for said in open.iter().filter(|said| said.said_s >= JUDGED_FROM * reached_s) {
-            let [least_s, most_s] = said.between_s;
+            let is_right = (said.at_s - reached_s).abs() <= RIGHT_WITHIN * reached_s;
+            let is_between = |[least_s, most_s]: [f64; 2]| (least_s..=most_s).contains(&reached_s);
             self.judged += 1;
-            self.right += u64::from((said.at_s - reached_s).abs() <= RIGHT_WITHIN * reached_s);
-            self.held += u64::from((least_s..=most_s).contains(&reached_s));
+            self.right += u64::from(is_right);
+            self.decided += 1;
+            self.held += u64::from(is_right || said.between_s.is_some_and(is_between));
         }
     }
 
@@ -321,7 +343,8 @@ impl ForecastRecord {
     fn give_up(&mut self, open: &[Said], worked_s: f64) {
         for said in open.iter().filter(|said| said.at_s * (1.0 + RIGHT_WITHIN) < worked_s) {
             self.judged += 1;
-            self.held += u64::from(said.between_s[1] >= worked_s);
+            // Between two times it may still have come.
+            self.decided += u64::from(said.between_s.is_none_or(|[_, most_s]| most_s < worked_s));
         }
     }
 
@@ -330,6 +353,7 @@ impl ForecastRecord {
         ForecastRecord {
             judged: self.judged - before.judged,
             right: self.right - before.right,
+            decided: self.decided - before.decided,
             held: self.held - before.held,
         }
     }
@@ -408,8 +432,9 @@ mod tests {
     fn what_is_foretold_of_path_tracing_comes_true() {
         let mut rendering = boxes(RenderSettings { indirect: Indirect::Path, seed: 5, ..Default::default() });
         let (forecasts, expected) = watch(&mut rendering, &[0.3, 0.15, 0.06, 1e-4], 300);
-        let ForecastRecord { judged, right, .. } = forecasts.record();
+        let ForecastRecord { judged, right, decided, held } = forecasts.record();
         assert!(judged >= 25 && 5 * right >= 4 * judged, "{right} of {judged}: {expected:?}");
+        assert!(decided >= 25 && held >= right, "{held} of {decided}: {expected:?}");
         let reached = |expected: &Expected| matches!(expected.when, When::Reached { .. });
         assert_eq!(expected.iter().filter(|expected| reached(expected)).count(), 3, "{expected:?}");
         let When::In { seconds, .. } = expected[3].when else { panic!("{expected:?}") };
@@ -441,7 +466,7 @@ mod tests {
     /// What is finer takes no less, and is out of reach where what is coarser is.
     #[test]
     fn finer_errors_come_no_sooner() {
-        let soon = |seconds: f64| When::In { seconds, between: [0.5 * seconds, 2.0 * seconds] };
+        let soon = |seconds: f64| When::In { seconds, between: Some([0.5 * seconds, 2.0 * seconds]) };
         let never = When::OutOfReach { error: 0.03 };
         let many = When::BeyondSamples { samples: 300.0 };
         let cases = [
@@ -457,21 +482,59 @@ mod tests {
         for (coarser, own, said) in cases {
             assert_eq!(own.no_sooner_than(coarser), said, "{own:?} after {coarser:?}");
         }
+        let between = |between| When::In { seconds: 5.0, between };
+        let cases = [
+            (Some([1.0, 20.0]), Some([4.0, 6.0]), Some([4.0, 20.0])),
+            (None, Some([4.0, 6.0]), Some([5.0, 6.0])),
+            (Some([1.0, 4.0]), None, Some([5.0, 5.0])),
+            (None, None, None),
+        ];
+        for (coarser, own, said) in cases {
+            assert_eq!(
+                between(own).no_sooner_than(between(coarser)),
+                between(said),
+                "{own:?} after {coarser:?}"
+            );
+        }
+    }
+
+    /// Between when it comes is told of all the time, that before a rest as well, where it is not known to a quarter.
+    #[test]
+    fn what_is_known_badly_is_told_between_two_times() {
+        let measured =
+            |high| Some(MeasuredError { rel_mse: 1e-4, interval_95: [0.0, high * 1e-4], trimmed: None });
+        assert_eq!(off_by(measured(1.5), ToLearn::Nothing), 1.5);
+        assert_eq!(off_by(measured(9.0), ToLearn::Nothing), 2.0);
+        assert_eq!(off_by(measured(1.1), ToLearn::Records), 2.0);
+        assert_eq!(off_by(None, ToLearn::Nothing), 2.0);
+        assert_eq!(off_by(Some(MeasuredError::NONE), ToLearn::Nothing), 1.0);
+        let told = |seconds, between| When::In { seconds, between };
+        assert_eq!(soon([4.0, 10.0], 0.0, 1.25), told(6.0, None));
+        assert_eq!(soon([4.0, 10.0], 0.0, 2.0), told(6.0, Some([1.0, 16.0])));
+        assert_eq!(soon([8.0, 10.0], 0.0, 2.0), told(2.0, Some([0.0, 12.0])));
+        assert_eq!(soon([4.0, 10.0], 20.0, 1.5), told(6.0, Some([0.0, 21.0])));
     }
 
     /// A forecast counts from a tenth of the time on, and is right within a quarter of it.
     #[test]
     fn forecasts_are_judged_by_when_it_came() {
         let mut record = ForecastRecord::default();
-        let said = |[said_s, at_s]: [f64; 2]| Said { said_s, at_s, between_s: [at_s / 1.3, at_s * 1.3] };
+        let said =
+            |[said_s, at_s]: [f64; 2]| Said { said_s, at_s, between_s: Some([at_s / 1.3, at_s * 1.3]) };
         let open = [[0.9, 10.0], [1.0, 8.0], [2.0, 12.5], [3.0, 12.6], [9.0, 7.4]].map(said);
         record.judge(&open, 10.0);
-        assert_eq!(record, ForecastRecord { judged: 4, right: 2, held: 3 });
+        assert_eq!(record, ForecastRecord { judged: 4, right: 2, decided: 4, held: 3 });
         assert_eq!(record.since(ForecastRecord { judged: 1, ..record }).judged, 3);
         // What was to come by 7.4 did not in 9.5 s and may until 9.62; what was to come by 12.6 may well.
         record = ForecastRecord::default();
         record.give_up(&open, 9.5);
-        assert_eq!(record, ForecastRecord { judged: 1, right: 0, held: 1 });
+        assert_eq!(record, ForecastRecord { judged: 1, right: 0, decided: 0, held: 0 });
+        record.give_up(&open, 9.63);
+        assert_eq!(record, ForecastRecord { judged: 2, right: 0, decided: 1, held: 0 });
+        // Without two times a quarter is what holds.
+        record = ForecastRecord::default();
+        record.judge(&open.map(|said| Said { between_s: None, ..said }), 10.0);
+        assert_eq!(record, ForecastRecord { judged: 4, right: 2, decided: 4, held: 2 });
     }
 
     /// The pace is that of the last half of the time at least, and of the film at hand.
@@ -539,7 +602,7 @@ mod tests {
         (0..1000).for_each(|second| {
             let now_s = f64::from(second);
             forecasts.goals[1]
-                .keep(now_s, When::In { seconds: 2000.0 - now_s, between: [0.0, 2500.0 - now_s] });
+                .keep(now_s, When::In { seconds: 2000.0 - now_s, between: Some([0.0, 2500.0 - now_s]) });
         });
         assert!(forecasts.goals[1].open.len() <= OPEN_MAX);
         forecasts.aim(&[0.05, 0.02]);

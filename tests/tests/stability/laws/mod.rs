@@ -25,7 +25,12 @@ fn at_night(by_default: usize, nightly: usize) -> usize {
 
 /// `LUMICAST_LAWS=short`: cards draw the first scene of each law alone, since lavapipe draws several times as long as the CPU does.
 fn are_short() -> bool {
-    std::env::var("LUMICAST_LAWS").is_ok_and(|value| value == "short")
+    let asked = std::env::var("LUMICAST_LAWS").ok();
+    assert!(
+        asked.as_deref().is_none_or(|asked| asked == "short"),
+        "LUMICAST_LAWS is short, or not set: {asked:?}"
+    );
+    asked.is_some()
 }
 
 /// The techniques by which a scene of a law is drawn.
