@@ -22,6 +22,7 @@ use super::{
     Visits,
     record::{GatherBy, Gathered},
     sight::Sight,
+    steadied::steady,
     visits::{Visited, noise_of},
     walk::{Seen, Walk},
 };
@@ -91,6 +92,15 @@ struct Place {
     /// How far it counts by itself, before neighbours make it count less far.
     radius_m: f32,
     visited: Visited,
+    /// Sum of what the halves of each visit tell of its variance, (W/m²)².
+    variances: f64,
+}
+
+impl Place {
+    /// Of the mean irradiance of the channels, (W/m²)².
+    fn variance(&self) -> f64 {
+        self.variances / f64::from(self.visited.count.max(1)).powi(2)
+    }
 }
 
 /// Records that are found missing together and taken in together, so that they do not depend on how many are made in one step.
@@ -278,10 +288,17 @@ impl IrradianceCaching {
         self.gazes.retain(|gaze| is_kept(gaze.key));
     }
 
-    /// What is to be shown: a copy of the records, for others to look things up in.
+    /// What is to be shown: a copy of the records, for others to look things up in, with what they surely know better than what answers where
+    /// there are none.
     pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
         let noise = noise_of(self.visited().filter(|(visited, _)| visited.count > 1));
-        Arc::new(IrradianceCache { noise, ..self.cache.clone() })
+        let mut shown = IrradianceCache { noise, ..self.cache.clone() };
+        if let Some(base) = &self.base {
+            let accuracy = shown.settings.weighing.accuracy;
+            let variances: Vec<f64> = self.places.iter().map(Place::variance).collect();
+            shown.noise *= steady(&mut shown.records, &variances, accuracy, &**base);
+        }
+        Arc::new(shown)
     }
 
     /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
@@ -405,9 +422,16 @@ impl IrradianceCaching {
                 (2 * self.next_batch).min(self.settings.records_per_batch.get().max(FIRST_BATCH));
         }
         self.gathered_count += batch.gathered.len() as u64;
-        for (seen, Gathered { record, sight }) in batch.places.into_iter().zip(batch.gathered) {
+        for (seen, Gathered { record, sight, variance }) in batch.places.into_iter().zip(batch.gathered) {
             self.cache.insert(record);
-            self.places.push(Place { seen, sight, radius_m: record.radius_m, visited: Visited::ONCE });
+            let variances = f64::from(variance);
+            self.places.push(Place {
+                seen,
+                sight,
+                radius_m: record.radius_m,
+                visited: Visited::ONCE,
+                variances,
+            });
         }
         // Who looked away, or elsewhere, has no walk that this ends.
         let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
@@ -515,10 +539,11 @@ impl IrradianceCaching {
         let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
             return Counts::default();
         };
-        for (index, Gathered { record, sight }) in due.iter().zip(gathered) {
+        for (index, Gathered { record, sight, variance }) in due.iter().zip(gathered) {
             let place = &mut self.places[*index];
             let before = std::mem::replace(&mut self.cache.records[*index], record).irradiance;
             place.sight = place.sight.union(&sight);
+            place.variances = if visits == 0 { 0.0 } else { place.variances } + f64::from(variance);
             place.visited = match visits {
                 0 => Visited::ONCE,
                 _ => place.visited.again(before, record.irradiance),
@@ -585,9 +610,10 @@ impl IrradianceCaching {
         };
         self.take_pace(gathered.len(), start);
         self.gathered_count += gathered.len() as u64;
-        for (index, Gathered { record, sight }) in (first..end).zip(gathered) {
+        for (index, Gathered { record, sight, variance }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
             (place.sight, place.radius_m, place.visited) = (sight, record.radius_m, Visited::ONCE);
+            place.variances = f64::from(variance);
             relit.insert(record);
         }
         if end < self.places.len() {

@@ -47,6 +47,7 @@ pub(super) struct Hemisphere {
     sight: Sight,
     /// What the lowest of them met.
     horizon: Horizon,
+    variance: f32,
 }
 
 /// Samples of one half, cell by cell.
@@ -216,6 +217,11 @@ impl<'a> Gathering<'a> {
         let mean_of = |sums: fn(&Half) -> &Vec<f32>, cell: usize| {
             (sums(first)[cell] + sums(second)[cell]) / (first.weight_sum[cell] + second.weight_sum[cell])
         };
+        let irradiance_of = |half: &Half| {
+            let sum: f32 = cells.clone().map(|cell| half.radiance(cell).mean()).sum();
+            std::f32::consts::PI * sum / cells.len() as f32
+        };
+        let variance = (0.5 * (irradiance_of(first) - irradiance_of(second))).powi(2);
         let nearness = cells.clone().map(|cell| mean_of(|half| &half.nearness_sum, cell)).collect();
         let before: f32 = cells.clone().map(|cell| mean_of(|half| &half.before_sum, cell)).sum();
         Hemisphere {
@@ -226,6 +232,7 @@ impl<'a> Gathering<'a> {
             before_share: before / cells.len() as f32,
             sight: self.sight,
             horizon: self.low_hits.horizon(),
+            variance,
         }
     }
 
@@ -329,6 +336,11 @@ impl Hemisphere {
 
     pub(super) fn horizon(&self) -> Horizon {
         self.horizon
+    }
+
+    /// Of the mean irradiance of the channels, as its two halves tell it, (W/m²)².
+    pub(super) fn variance(&self) -> f32 {
+        self.variance
     }
 
     pub(super) fn irradiance(&self) -> Rgb {

@@ -17,6 +17,7 @@ mod index;
 mod record;
 mod sight;
 mod splat;
+mod steadied;
 mod strata;
 #[cfg(test)]
 mod tests;

@@ -211,6 +211,8 @@ pub(super) struct Gathered {
     pub(super) record: Record,
     /// How far its rays went.
     pub(super) sight: Sight,
+    /// Of its mean irradiance, as the halves of this gathering tell it, (W/m²)².
+    pub(super) variance: f32,
 }
 
 /// What light is gathered with.
@@ -234,6 +236,7 @@ impl GatherBy<'_> {
         let gathered = |(seen, hemisphere): (_, &Hemisphere)| Gathered {
             record: Record::of(self.world, seen, hemisphere, self.settings),
             sight: hemisphere.sight(),
+            variance: hemisphere.variance(),
         };
         Some((points.iter().zip(&hemispheres).map(gathered).collect(), counts))
     }

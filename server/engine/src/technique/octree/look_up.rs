@@ -150,6 +150,10 @@ impl SecondaryLight for LightOctree {
         &CARD
     }
 
+    fn even_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+        Some(self.irradiance(p, n)[0])
+    }
+
     fn has_caustics(&self) -> bool {
         self.has_caustics
     }

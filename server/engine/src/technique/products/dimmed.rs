@@ -44,6 +44,10 @@ impl SecondaryLight for Dimmed {
         self.dim(self.light.scattered_but_caustics(surface, wo, draw))
     }
 
+    fn even_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
+        Some(self.light.even_irradiance(p, n)? * self.by)
+    }
+
     fn laid_out_for(self: Arc<Self>, view: &View) -> Option<Arc<dyn ScreenLight>> {
         let screen = Arc::clone(&self.light).laid_out_for(view)?;
         Some(Arc::new(DimmedScreen { screen, by: self.by }))

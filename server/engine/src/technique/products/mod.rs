@@ -93,6 +93,12 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
         self.scattered(surface, wo, draw)
     }
 
+    /// Irradiance of light that other surfaces scattered, without caustics, at a point that faces `n`, W/m²; `None` from what does not know
+    /// it everywhere.
+    fn even_irradiance(&self, _p: Vec3, _n: Vec3) -> Option<Rgb> {
+        None
+    }
+
     /// The same light for pictures of one camera: what many neighbouring pixels see is answered for at once, where that takes less time
     /// than to ask for each. Holds no caustics.
     fn laid_out_for(self: Arc<Self>, _view: &View) -> Option<Arc<dyn ScreenLight>> {
