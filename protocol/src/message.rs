@@ -234,6 +234,12 @@ impl Accuracy {
         (f64::from(Self::TARGET_MIN)..1.0).contains(&error).then_some(error)
     }
 
+    /// Whole percents that a number without their sign may stand for, as "5%" for 5; nothing for what cannot be meant so.
+    pub fn percent_meant(text: &str) -> Option<String> {
+        let percent = text.trim().parse::<f64>().ok().filter(|number| (1.0..100.0).contains(number))?;
+        Some(format!("{percent}%"))
+    }
+
     /// √relMSE at which the picture rests; nothing if only the server's bound on samples ends it.
     pub fn target(&self) -> Option<f32> {
         self.preset.map_or(Some(self.target_error), Preset::error)
@@ -448,6 +454,13 @@ mod tests {
         }
         for text in ["", "%", "2%%", "2,5%", "-2%", "0", "1", "100%", "1e-7", "NaN", "inf", "1e400"] {
             assert_eq!(Accuracy::read_target(text), None, "{text:?}");
+        }
+        assert_eq!(
+            ["5", " 2.5 ", "1"].map(|text| Accuracy::percent_meant(text).unwrap()),
+            ["5%", "2.5%", "1%"]
+        );
+        for text in ["0.5", "100", "-3", "5%", "NaN", "five"] {
+            assert_eq!(Accuracy::percent_meant(text), None, "{text:?}");
         }
     }
 }

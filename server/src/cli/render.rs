@@ -63,7 +63,9 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
     }
     write_file(&args.out, &picture)?;
-    if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, rendering.measured_error()) {
+    let is_confirmed = args.error.is_some_and(|target| rendering.confirms(target));
+    let measured = rendering.measured_error();
+    if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, measured, is_confirmed) {
         eprintln!("warning: {missed}");
     }
     report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))

@@ -4,7 +4,7 @@ use super::{HttpProblem, Service};
 use axum::Json;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
-use lumicast_protocol::{Convergence, ProblemKind};
+use lumicast_protocol::Convergence;
 use serde::Deserialize;
 
 /// Whose picture.
@@ -28,7 +28,6 @@ pub(super) async fn get(
     Path(id): Path<String>,
     query: Result<Query<Whose>, QueryRejection>,
 ) -> Result<Json<Convergence>, HttpProblem> {
-    let Query(Whose { viewer }) =
-        query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
+    let Query(Whose { viewer }) = query.map_err(HttpProblem::of_query)?;
     Ok(Json(service.scene(&id)?.convergence(viewer)?))
 }

@@ -103,8 +103,7 @@ pub(super) async fn log(
     Path(id): Path<String>,
     query: Result<Query<LogQuery>, axum::extract::rejection::QueryRejection>,
 ) -> Result<Json<EventLog>, HttpProblem> {
-    let Query(LogQuery { since }) =
-        query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
+    let Query(LogQuery { since }) = query.map_err(HttpProblem::of_query)?;
     // What came before revision 1 is the scene's base, not a batch.
     Ok(Json(service.scene(&id)?.edits_since(since.max(1))?))
 }

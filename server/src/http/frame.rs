@@ -55,7 +55,7 @@ pub(super) async fn get(
     query: Result<Query<FrameQuery>, QueryRejection>,
 ) -> Result<Response, HttpProblem> {
     let scene = service.scene(&id)?;
-    let Query(query) = query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
+    let Query(query) = query.map_err(HttpProblem::of_query)?;
     let request = request_of(query, &service.scenes.workshop().config)?;
     let content_type = match request.format {
         PictureFormat::Exr => "image/x-exr",
@@ -141,7 +141,10 @@ fn until_of(error: Option<&str>, time: Option<&str>, config: &Config) -> Result<
 
 fn error_of(text: &str) -> Result<f64, HttpProblem> {
     let no_error = || {
-        bad("error", "a fraction from 0.000001 on and below 1, or percent, such as 0.02 or 2%, or converged")
+        // Addresses write the percent sign as %25.
+        let meant = Accuracy::percent_meant(text).map(|meant| format!("; did you mean {meant}25?"));
+        let must = "a fraction from 0.000001 on and below 1, or percent, such as 0.02 or 2%, or converged";
+        bad("error", format!("{must}{}", meant.unwrap_or_default()))
     };
     Accuracy::read_target(text).ok_or_else(no_error)
 }

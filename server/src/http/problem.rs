@@ -1,5 +1,6 @@
 //! Problems as HTTP responses.
 
+use axum::extract::rejection::QueryRejection;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use lumicast_protocol::{Problem, ProblemKind};
@@ -12,6 +13,13 @@ impl HttpProblem {
     /// A problem of this kind.
     pub fn new(kind: ProblemKind, detail: impl Into<String>) -> HttpProblem {
         HttpProblem(Problem::new(kind, detail))
+    }
+
+    /// Of what stands behind the question mark of an address.
+    pub fn of_query(rejection: QueryRejection) -> HttpProblem {
+        let text = rejection.body_text();
+        let what = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(&text);
+        HttpProblem::new(ProblemKind::Malformed, format!("query: {what}"))
     }
 
     /// The same, with the field that caused it.

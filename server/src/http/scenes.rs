@@ -61,7 +61,7 @@ pub(super) async fn create(
     headers: HeaderMap,
     body: Body,
 ) -> Result<Response, HttpProblem> {
-    let Query(query) = query.map_err(|error| HttpProblem::new(ProblemKind::Malformed, error.body_text()))?;
+    let Query(query) = query.map_err(HttpProblem::of_query)?;
     if !body::is_type(&headers, &["model/gltf-binary", "application/octet-stream", "application/json"]) {
         return Err(HttpProblem::new(
             ProblemKind::UnsupportedFormat,

@@ -161,6 +161,13 @@ async fn a_picture_can_be_asked_for() {
         assert!([400, 404, 422].contains(&reply.status.as_u16()), "{bad}: {}", reply.status);
         reply.problem(reply.status.as_u16());
     }
+    for (bad, told) in
+        [("error=5", "did you mean 5%25?"), ("tim=5", "query: tim: unknown field `tim`, expected one of")]
+    {
+        let reply = server.get(&format!("{BOX}/frame?{bad}")).await;
+        let problem = reply.problem(reply.status.as_u16());
+        assert!(problem.to_string().contains(told), "{bad}: {problem:?}");
+    }
     server.stop().await;
 }
 

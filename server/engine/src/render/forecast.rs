@@ -434,7 +434,7 @@ mod tests {
         let (forecasts, expected) = watch(&mut rendering, &[0.3, 0.15, 0.06, 1e-4], 300);
         let ForecastRecord { judged, right, decided, held } = forecasts.record();
         assert!(judged >= 25 && 5 * right >= 4 * judged, "{right} of {judged}: {expected:?}");
-        assert!(decided >= 25 && held >= right, "{held} of {decided}: {expected:?}");
+        assert!(decided >= 25 && 5 * held >= 4 * decided, "{held} of {decided}: {expected:?}");
         let reached = |expected: &Expected| matches!(expected.when, When::Reached { .. });
         assert_eq!(expected.iter().filter(|expected| reached(expected)).count(), 3, "{expected:?}");
         let When::In { seconds, .. } = expected[3].when else { panic!("{expected:?}") };

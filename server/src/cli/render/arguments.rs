@@ -235,8 +235,11 @@ pub(in crate::cli) fn parse_duration(value: &str) -> Result<Duration, String> {
 }
 
 fn parse_error(value: &str) -> Result<f64, String> {
-    Accuracy::read_target(value)
-        .ok_or_else(|| "must be a number from 0.000001 on and below 1, or percent (0.02, 2% or 2.5%)".into())
+    Accuracy::read_target(value).ok_or_else(|| {
+        let meant = Accuracy::percent_meant(value).map(|meant| format!("; did you mean {meant}?"));
+        let must = "must be a number from 0.000001 on and below 1, or percent (0.02, 2% or 2.5%)";
+        format!("{must}{}", meant.unwrap_or_default())
+    })
 }
 
 fn parse_measuring(value: &str) -> Result<MeasuringShare, String> {

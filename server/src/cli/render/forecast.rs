@@ -72,9 +72,14 @@ impl Outlook {
             None => matches!(expected.when, When::In { .. }),
         };
         let expected = self.expected.iter().find(is_meant)?;
-        let says_nothing = matches!(expected.when, When::Reached { .. } | When::Unknown);
         let percent = 100.0 * (expected.target * 1e6).round() / 1e6;
-        (!says_nothing).then(|| format!("{percent} % {}", forecast(expected)))
+        let seems_there = self.measured.is_some_and(|measured| measured.error() <= expected.target);
+        match expected.when {
+            When::Reached { .. } | When::Unknown => None,
+            // Told beside an error that is no larger, when it will be there would look wrong.
+            When::In { .. } if seems_there => Some(format!("surely {percent} % {}", forecast(expected))),
+            _ => Some(format!("{percent} % {}", forecast(expected))),
+        }
     }
 
     /// For `--stats`.

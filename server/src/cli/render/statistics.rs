@@ -229,14 +229,22 @@ pub(super) fn shown_errors(measured: Option<MeasuredError>) -> (Option<f64>, Opt
 }
 
 /// What to say of a picture that time or samples ended before it had the error asked for.
+///
+/// - `is_confirmed`: pixels that were taken since it seemed to have it say so too
 pub(super) fn missed(
     ended: StopReason,
     target: Option<f64>,
     measured: Option<MeasuredError>,
+    is_confirmed: bool,
 ) -> Option<String> {
     let target = target.filter(|_| matches!(ended, StopReason::Time | StopReason::Samples))?;
     let found = match measured {
-        Some(measured) if measured.reaches(target) => return None,
+        Some(measured) if measured.reaches(target) => {
+            if is_confirmed {
+                return None;
+            }
+            format!("confirmed by further pixels: it seems to be {:.2} %", 100.0 * measured.error())
+        }
         Some(measured) if measured.error() <= target => {
             format!("surely: it may still be {:.2} %", 100.0 * measured.error_interval_95()[1])
         }
@@ -287,7 +295,9 @@ mod tests {
             let [low, rel_mse, high] = errors.map(|error| error * error);
             Some(MeasuredError { rel_mse, interval_95: [low, high], ..MeasuredError::NONE })
         };
-        let told = |ended, target, found| missed(ended, target, found).unwrap_or_default();
+        let told = |ended, target, found| missed(ended, target, found, true).unwrap_or_default();
+        let lucky = missed(StopReason::Time, Some(0.05), measured([0.01, 0.031, 0.049]), false);
+        assert!(lucky.unwrap_or_default().ends_with("confirmed by further pixels: it seems to be 3.10 %"));
         let wrong = measured([0.04, 0.05, 0.07]);
         assert!(
             told(StopReason::Time, Some(0.02), wrong).ends_with("the 2 % asked for were found: it is 5.00 %")

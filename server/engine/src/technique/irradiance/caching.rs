@@ -92,14 +92,14 @@ struct Place {
     /// How far it counts by itself, before neighbours make it count less far.
     radius_m: f32,
     visited: Visited,
-    /// Sum of what the halves of each visit tell of its variance, (W/m²)².
-    variances: f64,
+    /// Of the mean irradiance of the channels as the first of its visits tells it, W/m².
+    deviation: f32,
 }
 
 impl Place {
-    /// Of the mean irradiance of the channels, (W/m²)².
+    /// Of the mean irradiance of the channels, (W/m²)²: as visits tell it where there were several.
     fn variance(&self) -> f64 {
-        self.variances / f64::from(self.visited.count.max(1)).powi(2)
+        if self.visited.count > 1 { self.visited.variance() } else { f64::from(self.deviation).powi(2) }
     }
 }
 
@@ -223,7 +223,8 @@ impl IrradianceCaching {
             return;
         }
         self.settings.weighing.accuracy = accuracy;
-        let rougher = self.as_far_as_ever();
+        let mut rougher = self.as_far_as_ever();
+        self.steady(&mut rougher);
         let settings = self.settings.rougher(ROUNDS[self.round]);
         self.relit = self.relit.take().map(|relit| self.weighed(&relit, settings));
         self.cache = self.weighed(&self.cache, settings);
@@ -291,14 +292,21 @@ impl IrradianceCaching {
     /// What is to be shown: a copy of the records, for others to look things up in, with what they surely know better than what answers where
     /// there are none.
     pub fn snapshot(&self) -> Arc<dyn SecondaryLight> {
-        let noise = noise_of(self.visited().filter(|(visited, _)| visited.count > 1));
-        let mut shown = IrradianceCache { noise, ..self.cache.clone() };
-        if let Some(base) = &self.base {
-            let accuracy = shown.settings.weighing.accuracy;
-            let variances: Vec<f64> = self.places.iter().map(Place::variance).collect();
-            shown.noise *= steady(&mut shown.records, &variances, accuracy, &**base);
-        }
+        let mut shown = self.cache.clone();
+        let shares = self.steady(&mut shown);
+        let known = self.visited().zip(shares).filter(|((visited, _), _)| visited.count > 1);
+        shown.noise =
+            noise_of(known.map(|((visited, irradiance), share)| (visited.shown(share), irradiance)));
         Arc::new(shown)
+    }
+
+    /// Lets the records of a cache, which are the first of all, show what they surely know better than what answers where there are none;
+    /// returns the share of what was gathered that each shows.
+    fn steady(&self, cache: &mut IrradianceCache) -> Vec<f32> {
+        let Some(base) = &self.base else { return vec![1.0; cache.records.len()] };
+        let accuracy = cache.settings.weighing.accuracy;
+        let variances: Vec<f64> = self.places.iter().map(Place::variance).collect();
+        steady(&mut cache.records, &variances, accuracy, &**base)
     }
 
     /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
@@ -422,15 +430,14 @@ impl IrradianceCaching {
                 (2 * self.next_batch).min(self.settings.records_per_batch.get().max(FIRST_BATCH));
         }
         self.gathered_count += batch.gathered.len() as u64;
-        for (seen, Gathered { record, sight, variance }) in batch.places.into_iter().zip(batch.gathered) {
+        for (seen, Gathered { record, sight, deviation }) in batch.places.into_iter().zip(batch.gathered) {
             self.cache.insert(record);
-            let variances = f64::from(variance);
             self.places.push(Place {
                 seen,
                 sight,
                 radius_m: record.radius_m,
                 visited: Visited::ONCE,
-                variances,
+                deviation,
             });
         }
         // Who looked away, or elsewhere, has no walk that this ends.
@@ -503,12 +510,13 @@ impl IrradianceCaching {
         self.round += 1;
         let settings = self.settings.rougher(ROUNDS[self.round]);
         let finer = IrradianceCache::new(settings, self.base.clone());
-        let rougher = Arc::new(std::mem::replace(&mut self.cache, finer));
+        let mut rougher = std::mem::replace(&mut self.cache, finer);
         for (record, place) in rougher.records.iter().zip(&self.places) {
             let reach_min_m = settings.reach_min_m(place.seen.pixel_m);
             self.cache.insert(Record { reach_min_m, ..*record });
         }
-        self.cache.rougher = Some(rougher);
+        self.steady(&mut rougher);
+        self.cache.rougher = Some(Arc::new(rougher));
         self.begin_walks();
     }
 
@@ -539,15 +547,15 @@ impl IrradianceCaching {
         let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
             return Counts::default();
         };
-        for (index, Gathered { record, sight, variance }) in due.iter().zip(gathered) {
+        for (index, Gathered { record, sight, deviation }) in due.iter().zip(gathered) {
             let place = &mut self.places[*index];
             let before = std::mem::replace(&mut self.cache.records[*index], record).irradiance;
             place.sight = place.sight.union(&sight);
-            place.variances = if visits == 0 { 0.0 } else { place.variances } + f64::from(variance);
-            place.visited = match visits {
-                0 => Visited::ONCE,
-                _ => place.visited.again(before, record.irradiance),
-            };
+            if visits == 0 {
+                (place.visited, place.deviation) = (Visited::ONCE, deviation);
+            } else {
+                place.visited = place.visited.again(before, record.irradiance);
+            }
         }
         self.gathered_count += due.len() as u64;
         self.take_pace(due.len(), start);
@@ -610,10 +618,10 @@ impl IrradianceCaching {
         };
         self.take_pace(gathered.len(), start);
         self.gathered_count += gathered.len() as u64;
-        for (index, Gathered { record, sight, variance }) in (first..end).zip(gathered) {
+        for (index, Gathered { record, sight, deviation }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
             (place.sight, place.radius_m, place.visited) = (sight, record.radius_m, Visited::ONCE);
-            place.variances = f64::from(variance);
+            place.deviation = deviation;
             relit.insert(record);
         }
         if end < self.places.len() {

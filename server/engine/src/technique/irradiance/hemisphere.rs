@@ -47,7 +47,7 @@ pub(super) struct Hemisphere {
     sight: Sight,
     /// What the lowest of them met.
     horizon: Horizon,
-    variance: f32,
+    deviation: f32,
 }
 
 /// Samples of one half, cell by cell.
@@ -221,7 +221,7 @@ impl<'a> Gathering<'a> {
             let sum: f32 = cells.clone().map(|cell| half.radiance(cell).mean()).sum();
             std::f32::consts::PI * sum / cells.len() as f32
         };
-        let variance = (0.5 * (irradiance_of(first) - irradiance_of(second))).powi(2);
+        let deviation = 0.5 * (irradiance_of(first) - irradiance_of(second)).abs();
         let nearness = cells.clone().map(|cell| mean_of(|half| &half.nearness_sum, cell)).collect();
         let before: f32 = cells.clone().map(|cell| mean_of(|half| &half.before_sum, cell)).sum();
         Hemisphere {
@@ -232,7 +232,7 @@ impl<'a> Gathering<'a> {
             before_share: before / cells.len() as f32,
             sight: self.sight,
             horizon: self.low_hits.horizon(),
-            variance,
+            deviation,
         }
     }
 
@@ -338,9 +338,10 @@ impl Hemisphere {
         self.horizon
     }
 
-    /// Of the mean irradiance of the channels, as its two halves tell it, (W/m²)².
-    pub(super) fn variance(&self) -> f32 {
-        self.variance
+    /// Standard deviation of the mean irradiance of the channels, as its two halves tell it, W/m²; its square is as good as right in the
+    /// mean (each half has more rays where the other is uneven, which makes the two a little alike: up to a half too small).
+    pub(super) fn deviation(&self) -> f32 {
+        self.deviation
     }
 
     pub(super) fn irradiance(&self) -> Rgb {

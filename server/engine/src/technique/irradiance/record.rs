@@ -211,8 +211,8 @@ pub(super) struct Gathered {
     pub(super) record: Record,
     /// How far its rays went.
     pub(super) sight: Sight,
-    /// Of its mean irradiance, as the halves of this gathering tell it, (W/m²)².
-    pub(super) variance: f32,
+    /// Of the mean irradiance of the channels, as the halves of this gathering tell it, W/m².
+    pub(super) deviation: f32,
 }
 
 /// What light is gathered with.
@@ -236,7 +236,7 @@ impl GatherBy<'_> {
         let gathered = |(seen, hemisphere): (_, &Hemisphere)| Gathered {
             record: Record::of(self.world, seen, hemisphere, self.settings),
             sight: hemisphere.sight(),
-            variance: hemisphere.variance(),
+            deviation: hemisphere.deviation(),
         };
         Some((points.iter().zip(&hemispheres).map(gathered).collect(), counts))
     }

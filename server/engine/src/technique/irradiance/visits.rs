@@ -44,6 +44,11 @@ impl Visited {
         Visited { count: count + 1, squares: squares + moved * moved * of_count }
     }
 
+    /// The same where a share of what was found is shown.
+    pub(super) fn shown(self, share: f32) -> Visited {
+        Visited { squares: self.squares * f64::from(share).powi(2), ..self }
+    }
+
     /// Squared standard error of the mean of all visits, (W/m²)²; infinite after one.
     pub(super) fn variance(self) -> f64 {
         let count = f64::from(self.count);

@@ -150,8 +150,16 @@ impl SecondaryLight for LightOctree {
         &CARD
     }
 
-    fn even_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
-        Some(self.irradiance(p, n)[0])
+    fn even_irradiance(&self, p: Vec3, n_geo: Vec3, n: Vec3) -> Option<Rgb> {
+        let around = self.around(p, n_geo);
+        if around.count == 0 || !self.harmonics.is_empty() {
+            return None;
+        }
+        let mut irradiance = Irradiance::default();
+        for (weight, place) in around.sets() {
+            self.lights_of(*place, 0).add_irradiance(n, *weight, &mut irradiance);
+        }
+        Some(irradiance.total())
     }
 
     fn has_caustics(&self) -> bool {

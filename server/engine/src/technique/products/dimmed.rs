@@ -44,8 +44,8 @@ impl SecondaryLight for Dimmed {
         self.dim(self.light.scattered_but_caustics(surface, wo, draw))
     }
 
-    fn even_irradiance(&self, p: Vec3, n: Vec3) -> Option<Rgb> {
-        Some(self.light.even_irradiance(p, n)? * self.by)
+    fn even_irradiance(&self, p: Vec3, n_geo: Vec3, n: Vec3) -> Option<Rgb> {
+        Some(self.light.even_irradiance(p, n_geo, n)? * self.by)
     }
 
     fn laid_out_for(self: Arc<Self>, view: &View) -> Option<Arc<dyn ScreenLight>> {

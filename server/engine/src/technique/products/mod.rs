@@ -93,9 +93,11 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
         self.scattered(surface, wo, draw)
     }
 
-    /// Irradiance of light that other surfaces scattered, without caustics, at a point that faces `n`, W/m²; `None` from what does not know
-    /// it everywhere.
-    fn even_irradiance(&self, _p: Vec3, _n: Vec3) -> Option<Rgb> {
+    /// Irradiance of light that other surfaces scattered, without caustics, W/m²; `None` where it is not known, and from what knows it at
+    /// single points only.
+    ///
+    /// - `n_geo`, `n`: normals of the triangle and of shading, on the side that receives, unit
+    fn even_irradiance(&self, _p: Vec3, _n_geo: Vec3, _n: Vec3) -> Option<Rgb> {
         None
     }
 
