@@ -5,6 +5,7 @@
 //! straight on the surface it meets and what is known of the rest there (photons, by way of the light octree), so that all
 //! bounces are there. A walk over the picture finds where no record counts (`walk.rs`); records are valid for every camera. They are
 //! splatted onto what a camera sees straight (`splat.rs`); the rest looks them up, as graphics cards do everywhere (`upload.rs`).
+//! What they show is what they surely know better than the octree (`steadied.rs`).
 //!
 //! **Biased**: interpolated over a · R. Consistent as a shrinks and rays and photons grow.
 
