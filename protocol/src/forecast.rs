@@ -71,7 +71,7 @@ pub struct Forecast {
     /// With `in`: from now on. With `reached`: since the film restarted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// With `in`: four of five times between these, seconds from now on, where the error is known badly or light is still learnt. Left out
+    /// With `in`: four of five times at least between these, seconds from now on, where the error is known badly or light is still learnt. Left out
     /// where the time in all is known to a quarter.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub between: Option<[f64; 2]>,

@@ -8,9 +8,9 @@ use crate::film::MeasuredError;
 
 /// A forecast is right if the time it names is off by no more than this share of the true one.
 const RIGHT_WITHIN: f64 = 0.25;
-/// How many times too early or too late what is known badly may be: of 448 forecasts for twelve views 81 % were within twice the time, 93 %
-/// within three times.
-const OFF_BY_MOST: f64 = 2.0;
+/// How many times too early or too late what is known badly may be. Of forecasts for twelve views 65 % came within twice the time, of another
+/// run's 96 % within three times.
+const OFF_BY_MOST: f64 = 3.0;
 /// Forecasts are judged from this share of the time on: before, next to nothing is known.
 const JUDGED_FROM: f64 = 0.1;
 /// Forecasts kept for one target until it is reached; beyond, every second one goes.
@@ -33,7 +33,7 @@ pub enum When {
     In {
         /// From now on.
         seconds: f64,
-        /// Four of five times between these, seconds from now on; `None` where the time in all is known to a quarter.
+        /// Four of five times at least between these, seconds from now on; `None` where the time in all is known to a quarter.
         between: Option<[f64; 2]>,
     },
     /// Never: the technique's own error is this much, √relMSE.
@@ -504,9 +504,9 @@ mod tests {
         let measured =
             |high| Some(MeasuredError { rel_mse: 1e-4, interval_95: [0.0, high * 1e-4], trimmed: None });
         assert_eq!(off_by(measured(1.5), ToLearn::Nothing), 1.5);
-        assert_eq!(off_by(measured(9.0), ToLearn::Nothing), 2.0);
-        assert_eq!(off_by(measured(1.1), ToLearn::Records), 2.0);
-        assert_eq!(off_by(None, ToLearn::Nothing), 2.0);
+        assert_eq!(off_by(measured(9.0), ToLearn::Nothing), OFF_BY_MOST);
+        assert_eq!(off_by(measured(1.1), ToLearn::Records), OFF_BY_MOST);
+        assert_eq!(off_by(None, ToLearn::Nothing), OFF_BY_MOST);
         assert_eq!(off_by(Some(MeasuredError::NONE), ToLearn::Nothing), 1.0);
         let told = |seconds, between| When::In { seconds, between };
         assert_eq!(soon([4.0, 10.0], 0.0, 1.25), told(6.0, None));

@@ -118,7 +118,7 @@ fn edits_drop_the_records_that_saw_them() {
             let (before, leaves_lights) = (caching.cache().records().to_vec(), edit.leaves_lights());
             let saw_it: Vec<bool> = before
                 .iter()
-                .zip(caching.afresh(&next).records())
+                .zip(caching.afresh(&next).0.records())
                 .map(|(before, after)| light(before) != light(after))
                 .collect();
             caching.apply(&edit);
@@ -144,7 +144,8 @@ fn edits_drop_the_records_that_saw_them() {
                 continue;
             }
             finish(&mut caching, &world);
-            let afresh = caching.afresh(&world);
+            let (afresh, variances) = caching.afresh(&world);
+            assert!(caching.variances() == variances, "seed {seed}, edit {number}");
             for (record, afresh) in caching.cache().records().iter().zip(afresh.records()) {
                 assert_eq!(light(record), light(afresh), "seed {seed}, edit {number}");
                 // Those of the first rounds hand radii on from round to round.
@@ -195,7 +196,9 @@ fn records_are_of_the_light_of_now() {
                 assert!(steps < 100_000, "no end of it");
             }
             let caching = learner.caching().unwrap();
-            for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).records()) {
+            let (afresh, variances) = caching.afresh(&world);
+            assert!(caching.variances() == variances, "{learning:?}, edit {number}");
+            for (record, afresh) in caching.cache().records().iter().zip(afresh.records()) {
                 assert_eq!(light(record), light(afresh), "{learning:?}, edit {number}");
             }
             assert_eq!(uncovered(caching.cache(), &world, size), 0, "{learning:?}, edit {number}");
@@ -237,7 +240,7 @@ fn rough_records_come_before_the_second_round_of_photons() {
             .zip(now)
             .all(|(before, now)| before.position == now.position && light(before) != light(now))
     );
-    for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).records()) {
+    for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&world).0.records()) {
         assert_eq!(light(record), light(afresh));
     }
 
@@ -307,7 +310,7 @@ fn light_of_before_is_told_from_that_of_now() {
     }
     let caching = learner.caching().unwrap();
     assert!(!caching.is_relighting());
-    for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&after).records()) {
+    for (record, afresh) in caching.cache().records().iter().zip(caching.afresh(&after).0.records()) {
         assert_eq!(record, afresh);
     }
     // A second edit before the first is answered drops them all, and what answers then is told to be of now.

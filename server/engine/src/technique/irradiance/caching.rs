@@ -2,8 +2,10 @@
 //!
 //! Every view that is looked through is walked until all its pixels are covered, first for a rough answer, then for finer
 //! ones; then light is gathered again for all records, and again while they are noisy ([`super::Visits`]). An edit drops those
-//! whose rays met what it touched (`sight.rs`); light is gathered anew for the others before anything else is done.
+//! whose rays met what it touched (`sight.rs`); light is gathered anew for the others before anything else is done (`relighting.rs`).
 
+mod gaze;
+mod relighting;
 #[cfg(test)]
 pub(super) mod tests;
 
@@ -15,8 +17,7 @@ use std::{
     time::Instant,
 };
 
-use rayon::prelude::*;
-
+use self::gaze::Gaze;
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
     Visits,
@@ -24,14 +25,13 @@ use super::{
     sight::Sight,
     steadied::steady,
     visits::{Visited, noise_of},
-    walk::{Seen, Walk},
+    walk::Seen,
 };
 use crate::{
-    accel::TriangleId,
     film::PictureSize,
-    math::{Frame, Rgb},
+    math::Rgb,
     scene::CameraView,
-    technique::{Edit, Progress, Step, Technique, TouchedBoxes, renamed_instances},
+    technique::{Edit, Progress, Step, Technique},
     transport::World,
 };
 
@@ -122,37 +122,6 @@ struct Refining {
 
 impl Refining {
     const BEGIN: Refining = Refining { visits: 1, next: 0 };
-}
-
-/// A view whose pixels are to have records.
-#[derive(Debug)]
-struct Gaze {
-    key: u64,
-    camera: CameraView,
-    size: PictureSize,
-    walk: Walk,
-    /// What the cache's `shrunk_count` was when the walk began.
-    shrunk_before: u64,
-    walks_again: u32,
-    /// All pixels have records.
-    is_covered: bool,
-}
-
-impl Gaze {
-    fn begin(&mut self, shrunk_before: u64) {
-        self.walk = Walk::over(self.size);
-        self.shrunk_before = shrunk_before;
-        self.walks_again = 0;
-        self.is_covered = false;
-    }
-
-    /// Walks over every pixel once more.
-    fn walk_again(&mut self, shrunk_before: u64) {
-        self.walk = Walk::over_all(self.size);
-        self.shrunk_before = shrunk_before;
-        self.walks_again += 1;
-        self.is_covered = false;
-    }
 }
 
 impl IrradianceCaching {
@@ -268,15 +237,7 @@ impl IrradianceCaching {
                 (gaze.camera, gaze.size) = (*camera, size);
                 gaze.begin(shrunk_before);
             }
-            None => self.gazes.push(Gaze {
-                key,
-                camera: *camera,
-                size,
-                walk: Walk::over(size),
-                shrunk_before,
-                walks_again: 0,
-                is_covered: false,
-            }),
+            None => self.gazes.push(Gaze::new(key, camera, size, shrunk_before)),
         }
         self.may_drop = !self.places.is_empty();
         // What is made for it may take pixels from others as often again.
@@ -309,25 +270,6 @@ impl IrradianceCaching {
         steady(&mut cache.records, &variances, accuracy, &**base)
     }
 
-    /// Light arrives otherwise from now on, and something else answers where no record counts. Light is gathered anew for the records
-    /// that there are.
-    pub fn relight(&mut self, arriving: Arc<dyn ArrivingLight>, base: Option<Arc<dyn SecondaryLight>>) {
-        self.arriving = arriving;
-        self.stand_on(base);
-        self.begin_relighting();
-    }
-
-    fn begin_relighting(&mut self) {
-        self.batch = None;
-        self.settled = 0;
-        self.relit = Some(IrradianceCache::new(self.cache.settings, self.base.clone()));
-    }
-
-    /// Light of before an edit is what records hold.
-    pub fn is_relighting(&self) -> bool {
-        self.relit.is_some()
-    }
-
     /// Something else answers where no record counts.
     pub fn stand_on(&mut self, base: Option<Arc<dyn SecondaryLight>>) {
         self.cache.base = base.clone();
@@ -340,22 +282,39 @@ impl IrradianceCaching {
         &self.cache
     }
 
-    /// Records at the same places of a scene, gathered for as often and taken in one after the other.
+    /// Records at the same places of a scene, gathered for as often and taken in one after the other, and the variance of each, (W/m²)².
     #[cfg(test)]
-    pub(crate) fn afresh(&self, world: &World) -> IrradianceCache {
+    pub(crate) fn afresh(&self, world: &World) -> (IrradianceCache, Vec<f64>) {
         let never = AtomicBool::new(false);
         let by = self.gather_by(world, &never);
         let afresh = |place: &Place| {
             let points = [place.seen];
-            let mut record = by.gather_all(&points).unwrap().0[0].record;
+            let Gathered { mut record, sight, deviation } = by.gather_all(&points).unwrap().0[0];
+            let mut visited = Visited::ONCE;
             for visit in 1..place.visited.count {
+                let before = record.irradiance;
                 record = by.refine_all((&points, &[record]), visit).unwrap().0[0].record;
+                visited = visited.again(before, record.irradiance);
             }
-            record
+            (
+                record,
+                Place { seen: place.seen, sight, radius_m: record.radius_m, visited, deviation }.variance(),
+            )
         };
         let mut cache = IrradianceCache::new(self.cache.settings, None);
-        self.places.iter().for_each(|place| cache.insert(afresh(place)));
-        cache
+        let variances = self.places.iter().map(|place| {
+            let (record, variance) = afresh(place);
+            cache.insert(record);
+            variance
+        });
+        let variances = variances.collect();
+        (cache, variances)
+    }
+
+    /// Variance of each record, (W/m²)².
+    #[cfg(test)]
+    pub(crate) fn variances(&self) -> Vec<f64> {
+        self.places.iter().map(Place::variance).collect()
     }
 
     /// The points of the records.
@@ -602,37 +561,6 @@ impl IrradianceCaching {
         let Visits { least, most } = self.settings.visits;
         least.max(most).get()
     }
-
-    /// Gathers light of now for the next records that an edit left. All are taken in as if they had just been found, and then what is
-    /// missing beside them is made.
-    fn relight_some(&mut self, step: &Step<'_>) -> Counts {
-        let start = Instant::now();
-        let Some(mut relit) = self.relit.take() else { return Counts::default() };
-        let by = self.gather_by(step.world, step.cancel);
-        let first = relit.records.len();
-        let end = self.places.len().min(first + self.records_per_step(by));
-        let points: Vec<Seen> = self.places[first..end].iter().map(|place| place.seen).collect();
-        let Some((gathered, counts)) = by.gather_all(&points) else {
-            self.relit = Some(relit);
-            return Counts::default();
-        };
-        self.take_pace(gathered.len(), start);
-        self.gathered_count += gathered.len() as u64;
-        for (index, Gathered { record, sight, deviation }) in (first..end).zip(gathered) {
-            let place = &mut self.places[index];
-            (place.sight, place.radius_m, place.visited) = (sight, record.radius_m, Visited::ONCE);
-            place.deviation = deviation;
-            relit.insert(record);
-        }
-        if end < self.places.len() {
-            self.relit = Some(relit);
-        } else {
-            self.cache = relit;
-            self.refining = Refining::BEGIN;
-            self.begin_walks();
-        }
-        counts
-    }
 }
 
 impl Technique for IrradianceCaching {
@@ -671,34 +599,6 @@ impl Technique for IrradianceCaching {
             self.drop_all();
             return;
         }
-        let touched = TouchedBoxes::of(edit);
-        let is_kept: Vec<bool> = self
-            .places
-            .par_iter()
-            .map(|Place { seen, sight, .. }| {
-                let frame = Frame::around(seen.facing.normal);
-                let meets = |touched| sight.meets(seen.point.position, &frame, touched);
-                !touched.boxes().iter().any(meets)
-            })
-            .collect();
-        self.cache.retain(&is_kept);
-        self.cache.rougher = None;
-        let mut kept = is_kept.iter();
-        self.places.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
-        if self.places.is_empty() {
-            self.drop_all();
-            return;
-        }
-        let renamed = renamed_instances(before, after);
-        for place in &mut self.places {
-            let on = &mut place.seen.point.on;
-            *on = renamed
-                .get(on.instance as usize)
-                .and_then(|number| *number)
-                .map_or(TriangleId::NONE, |instance| TriangleId { instance, ..*on });
-        }
-        // Where they are too many for what is looked at then, there is room for it.
-        self.may_drop = true;
-        self.begin_relighting();
+        self.drop_touched(edit);
     }
 }

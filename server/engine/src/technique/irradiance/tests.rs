@@ -134,6 +134,40 @@ fn gradients_agree_with_finite_differences() {
     }
 }
 
+/// What the halves of a gathering say of its noise is, in the mean, how much it differs from seed to seed: less than half as much again, no
+/// less than a third; nothing in even light.
+#[test]
+fn halves_tell_the_noise_of_a_gathering() {
+    let world = room();
+    let spot =
+        Painted(|p: Vec3| Rgb::WHITE * if p.distance(Vec3::new(1.0, 0.4, 0.3)) < 0.15 { 50.0 } else { 0.2 });
+    let smooth = Painted(|p: Vec3| Rgb::WHITE * (1.5 + p.x + 0.4 * (5.0 * p.z).sin()));
+    let stripes =
+        Painted(|p: Vec3| Rgb::WHITE * if (9.0 * p.x).sin() * (7.0 * p.z).sin() > 0.3 { 1.0 } else { 0.0 });
+    let even = Painted(|_| Rgb::WHITE);
+    let noise = |arriving: &dyn ArrivingLight| {
+        let (mut told, mut found) = (RunningStatistics::default(), RunningStatistics::default());
+        for seed in 0..300 {
+            let settings = IrradianceSettings { seed, ..with_rays(200) };
+            let by =
+                GatherBy { world: &world, settings: &settings, arriving, cancel: &AtomicBool::new(false) };
+            let (point, facing) = (floor(&world, -0.2, 0.1), Facing::flat(Vec3::Y));
+            let (gathered, _) = by.gather_all(&[Seen { point, facing, pixel_m: 0.0 }]).unwrap();
+            told.add(f64::from(gathered[0].deviation).powi(2));
+            found.add(f64::from(gathered[0].record.irradiance.mean()));
+        }
+        (told.mean(), found.variance())
+    };
+    for (name, arriving) in
+        [("spot", &spot as &dyn ArrivingLight), ("smooth", &smooth), ("stripes", &stripes)]
+    {
+        let (told, found) = noise(arriving);
+        println!("{name}: {told:e} told, {found:e} found");
+        assert!(told > found / 3.0 && told < 1.5 * found, "{name}: {told:e} told, {found:e} found");
+    }
+    assert!(noise(&even).0 < 1e-10);
+}
+
 /// A ball of few triangles with a ball's normals, in even light: some rays set out behind a triangle and meet its neighbours
 /// from within, at next to no distance. Records neither count less far for it nor lean.
 #[test]
