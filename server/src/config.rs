@@ -219,8 +219,8 @@ settings! {
     /// 600 bytes each with their places, index and the copy that is shown. When no more fit and somebody looks elsewhere, those
     /// for what is looked at then are made anew.
     irradiance_records: u32 = 500_000;
-    /// How long a scene keeps what it knows of its light when the last who looked has gone, s, 0 to 86400: whoever comes back, or reloads
-    /// a page, begins with that. Edits of the light drop it. It takes the memory of photons, octree and records above, twice at most
+    /// How long a scene keeps what it knows of its light when the last who looked has gone, or the last single picture is drawn, s, 0 to
+    /// 86400: whoever comes back, reloads a page or asks for the next picture begins with that. Edits of the light drop it. It takes the memory of photons, octree and records above, twice at most
     /// for each scene: for the last two techniques, or bounds on bounces, that somebody looked with.
     kept_light_s: f64 = 60.0;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a

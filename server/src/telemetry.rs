@@ -122,6 +122,9 @@ pub struct Metrics {
     pub photon_groups_diverged: Counter,
     pub samples: Counter,
     pub render_us: Counter,
+    /// Single pictures begun, and those begun with light that the scene knew.
+    pub pictures: Counter,
+    pub pictures_lit: Counter,
     /// Forecasts of errors that were reached since, those that named the time within a quarter of it, those of which it is known whether it
     /// came between the times that were told, and those for which it did.
     pub forecasts_judged: Counter,
@@ -157,6 +160,8 @@ impl Default for Metrics {
             photon_groups_diverged: Counter::default(),
             samples: Counter::default(),
             render_us: Counter::default(),
+            pictures: Counter::default(),
+            pictures_lit: Counter::default(),
             forecasts_judged: Counter::default(),
             forecasts_right: Counter::default(),
             forecasts_decided: Counter::default(),
@@ -204,6 +209,12 @@ impl Metrics {
                 &self.photon_groups_diverged,
             ),
             ("samples_total", "Pixel samples drawn", &self.samples),
+            ("pictures_total", "Single pictures begun", &self.pictures),
+            (
+                "pictures_lit_total",
+                "Single pictures begun with light that the scene knew already",
+                &self.pictures_lit,
+            ),
             (
                 "forecasts_judged_total",
                 "Forecasts whose error was reached or whose time went by",

@@ -6,6 +6,7 @@
 mod alarm;
 mod arguments;
 mod backend;
+mod exposure;
 mod forecast;
 mod interrupt;
 mod progress;
@@ -67,6 +68,11 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let measured = rendering.measured_error();
     if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, measured, is_confirmed) {
         eprintln!("warning: {missed}");
+    }
+    if format != OutputFormat::Exr
+        && let Some(hint) = exposure::hint(&rendering.picture().radiance(), args.exposure)
+    {
+        eprintln!("hint: {hint}");
     }
     report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))
 }

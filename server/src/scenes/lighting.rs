@@ -246,6 +246,34 @@ impl Lighting {
         }
     }
 
+    /// Goes on with what somebody learnt for himself alone, of the scene that [`Lighting::follow`] was told of last, unless something is
+    /// known already: kept as if he had looked with it.
+    pub(super) fn take_over(
+        &mut self,
+        key: LightKey,
+        (learner, world): (Learner, Arc<World>),
+        workshop: &Workshop,
+    ) {
+        if self.lit.contains_key(&key) || !learner.knows_light_of_now() {
+            return;
+        }
+        let now = Instant::now();
+        let seconds = self.least_seconds().unwrap_or(0.0);
+        let mut lit = Lit { learner, left: Some(now), ..Lit::begin(key, &world, seconds, workshop) };
+        lit.follow(&mut self.generation);
+        self.lit.insert(key, lit);
+        let expires = now + workshop.config.kept_light();
+        self.expires_at = Some(self.expires_at.map_or(expires, |at| at.min(expires)));
+    }
+
+    /// What is kept and nobody looks with, for somebody who goes on with it for himself alone; of the scene that [`Lighting::follow`] was
+    /// told of last.
+    pub(super) fn hand_over(&mut self, key: LightKey) -> Option<Learner> {
+        let is_free = |lit: &Lit| lit.left.is_some() && lit.ahead.leaves_light_alone();
+        self.lit.get(&key).filter(|lit| is_free(lit) && lit.learner.knows_light_of_now())?;
+        Some(self.lit.remove(&key)?.learner)
+    }
+
     /// Keeps what is wanted, and for a while what was: who reloads a page, or tries another technique, is shown what was known. Through
     /// edits of the light nothing is kept that nobody looks at, since following them costs time.
     ///
@@ -261,8 +289,9 @@ impl Lighting {
             if !wanted.contains_key(key) {
                 lit.left = lit.left.or(Some(now));
             } else if lit.left.take().is_some() {
-                // Who comes back stands in line as who is new does.
+                // Who comes back stands in line as who is new does, and has time, other than whoever may have learnt it.
                 lit.seconds = least.map_or(lit.seconds, |least| lit.seconds.max(least));
+                lit.learner.go_on_for(Learning::Alongside { until: None });
             }
         }
         let mut left: Vec<(Instant, LightKey)> =
@@ -376,11 +405,16 @@ fn learner_of(key: LightKey, workshop: &Workshop) -> Learner {
     let learning = Learning::Alongside { until: None };
     let seed = workshop.config.seed;
     let settings = RenderSettings { indirect, bounces_max, seed, learning, ..RenderSettings::default() };
-    let mut of = IlluminationSettings::of(&settings);
+    Learner::new(learnt, &settings, illumination_of(&settings, workshop))
+}
+
+/// What light is learnt with for such pictures.
+pub(super) fn illumination_of(settings: &RenderSettings, workshop: &Workshop) -> IlluminationSettings {
+    let mut of = IlluminationSettings::of(settings);
     of.photons.emitted_count = workshop.config.photons;
     of.octree.depth = workshop.config.octree_depth;
     of.irradiance.records_max = workshop.config.irradiance_records as usize;
-    Learner::new(learnt, &settings, of)
+    of
 }
 
 #[cfg(test)]
@@ -482,6 +516,46 @@ mod tests {
         lit.follow_edit(&second, &change, &workshop);
         assert!(Arc::ptr_eq(&lit.world, &second));
         until_complete(&mut lit, &second);
+    }
+
+    /// What somebody learnt for himself alone is kept as if he had looked with it, unless something is known already, or nothing became
+    /// known.
+    #[test]
+    fn what_others_learnt_is_kept_for_others() {
+        let workshop = Workshop::open(Config { photons: 64_000, ..Config::default() }).unwrap();
+        let world = Arc::new(World::prepare(Arc::new(samples::cornell_box().unwrap())));
+        let key = LightKey { learnt: Learnt::Octree, bounces_max: None };
+        let learnt = || {
+            let mut lit = Lit::begin(key, &world, 0.0, &workshop);
+            while !lit.learner.knows_light_of_now() {
+                workshop.drawing_pool.install(|| lit.learner.step(&world, &AtomicBool::new(false)));
+            }
+            (lit.learner, world.clone())
+        };
+        let mut lighting = Lighting::default();
+        lighting.take_over(key, (learner_of(key, &workshop), world.clone()), &workshop);
+        assert!(lighting.lit.is_empty() && lighting.expires_at().is_none());
+        lighting.take_over(key, learnt(), &workshop);
+        assert!(lighting.generation(key) > 0);
+        assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
+        let first = lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap();
+        lighting.take_over(key, learnt(), &workshop);
+        assert!(Arc::ptr_eq(&first, &lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap()));
+        // Nobody gets it whose light is another, nor while somebody looks with it.
+        assert!(lighting.hand_over(LightKey { bounces_max: Some(3), ..key }).is_none());
+        let left = lighting.lit.get_mut(&key).unwrap().left.take();
+        assert!(left.is_some() && lighting.hand_over(key).is_none());
+        let kept = lighting.lit.get_mut(&key).unwrap();
+        (kept.left, kept.ahead) = (left, change_of("lamp"));
+        assert!(lighting.hand_over(key).is_none(), "an edit is yet to be followed");
+        lighting.lit.get_mut(&key).unwrap().ahead = SceneChange::default();
+        let handed = lighting.hand_over(key).unwrap();
+        assert!(handed.known().is_some_and(|known| Arc::ptr_eq(known, &first)) && lighting.lit.is_empty());
+        // An edit is not followed at all where nobody looks.
+        lighting.take_over(key, (handed, world.clone()), &workshop);
+        let (none, now) = (HashMap::new(), Instant::now());
+        lighting.retain(&none, &change_of("lamp"), (now, Duration::from_secs(60)));
+        assert!(lighting.lit.is_empty() && lighting.expires_at().is_none());
     }
 
     /// What nobody looks with is kept for a while, the last of it alone, through edits that leave the light as it is, and is wanted again

@@ -13,7 +13,7 @@ use super::foretold::Look;
 use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::{LightKey, Lighting};
-use super::request::Drawing;
+use super::request::{Drawing, Job};
 use super::viewer::{Picture, Viewer, Wish};
 use super::viewer_film::{Aim, FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
 use super::{Scene, Snapshot, lock};
@@ -44,6 +44,8 @@ pub(super) struct Painter {
     scene: Arc<Scene>,
     films: HashMap<u64, ViewerFilm>,
     drawings: Vec<Drawing>,
+    /// Drawings that have yet to begin.
+    jobs: Vec<Job>,
     /// What is known of the scene's light.
     lighting: Lighting,
     /// The scene on the graphics card.
@@ -77,6 +79,7 @@ impl Painter {
             scene,
             films: HashMap::new(),
             drawings: Vec::new(),
+            jobs: Vec::new(),
             lighting: Lighting::default(),
             on_card: SceneOnCard::default(),
             sketches: HashMap::new(),
@@ -96,11 +99,13 @@ impl Painter {
             self.sketches.retain(|bounces_max, _| {
                 self.films.values().any(|film| film.key.bounces_max == *bounces_max)
             });
-            self.settle_drawings();
             let snapshot = self.scene.snapshot();
-            let is_looked_at = !viewers.is_empty() || !self.drawings.is_empty();
+            let settled = self.settle_drawings();
+            let is_looked_at = !(viewers.is_empty() && self.drawings.is_empty() && self.jobs.is_empty());
             self.on_card.follow(&snapshot, &self.scene.workshop, is_looked_at);
             self.follow_light(&viewers, &snapshot);
+            self.answer(settled, &snapshot);
+            self.begin_drawings(&snapshot);
             let tasks: Vec<(Arc<Viewer>, Option<Wish>, Task)> = viewers
                 .into_iter()
                 .map(|viewer| {
@@ -138,12 +143,8 @@ impl Painter {
         if board.closing {
             return None;
         }
-        let jobs = std::mem::take(&mut board.requests);
-        let viewers = board.viewers.clone();
-        drop(board);
-        let workshop = &self.scene.workshop;
-        self.drawings.extend(jobs.into_iter().map(|job| Drawing::begin(job, workshop)));
-        Some(viewers)
+        self.jobs.extend(std::mem::take(&mut board.requests));
+        Some(board.viewers.clone())
     }
 
     fn rest_until(&self, later: Option<Instant>) {
@@ -160,20 +161,31 @@ impl Painter {
         }
     }
 
-    /// Answers what is done and drops what nobody waits for.
-    fn settle_drawings(&mut self) {
-        let mut index = 0;
-        while let Some(drawing) = self.drawings.get_mut(index) {
-            if !drawing.is_given_up() && !drawing.is_done() {
-                index += 1;
-                continue;
+    /// What is done, and what nobody waits for.
+    fn settle_drawings(&mut self) -> Vec<Drawing> {
+        let is_settled = |drawing: &mut Drawing| drawing.is_given_up() || drawing.is_done();
+        self.drawings.extract_if(.., is_settled).collect()
+    }
+
+    /// Answers it, and keeps what it learnt of the light.
+    fn answer(&mut self, settled: Vec<Drawing>, snapshot: &Snapshot) {
+        for mut drawing in settled {
+            if let Some((light, learnt)) = drawing.give_light(snapshot) {
+                self.lighting.take_over(light, learnt, &self.scene.workshop);
             }
-            let drawing = self.drawings.swap_remove(index);
             lock(&self.scene.board).requests_open -= 1;
             if !drawing.is_given_up() {
                 self.scene.workshop.drawing_pool.spawn(move || drawing.finish());
             }
         }
+    }
+
+    /// Begins what was asked for, with what is kept of the scene's light.
+    fn begin_drawings(&mut self, snapshot: &Snapshot) {
+        let workshop = &self.scene.workshop;
+        let lighting = &mut self.lighting;
+        let begin = |job| Drawing::begin(job, (&mut *lighting, snapshot), workshop);
+        self.drawings.extend(self.jobs.drain(..).map(begin));
     }
 
     fn task_of(&self, viewer: &Viewer, wish: &Wish, snapshot: &Snapshot) -> Task {

@@ -1,11 +1,14 @@
 //! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own, by the best
-//! chain there is; what that learns of the light goes with the picture.
+//! chain there is. They learn of the light by themselves, in the time they have, and go on with what the scene keeps of it from the
+//! last who looked; what they know in the end is kept in turn.
 
+use super::lighting::{LightKey, Lighting, illumination_of};
 use super::{Scene, Snapshot, Workshop, lock, no_camera};
 use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
 use lumicast_engine::film::{Display, MeasuredError, PictureSize};
-use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
+use lumicast_engine::render::{Indirect, Learner, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::CameraView;
+use lumicast_engine::transport::World;
 use lumicast_protocol::{Problem, ProblemKind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -106,6 +109,8 @@ pub(super) struct Job {
 #[derive(Debug)]
 pub(super) struct Drawing {
     job: Job,
+    /// What its light is learnt as, if at all.
+    light: Option<LightKey>,
     pub(super) rendering: Rendering,
     pub(super) memory: super::viewer_film::FilmMemory,
     started: Instant,
@@ -171,24 +176,44 @@ impl Scene {
 }
 
 impl Drawing {
-    pub(super) fn begin(job: Job, workshop: &Arc<Workshop>) -> Drawing {
+    /// - `now`: the scene that `lighting` was brought to last
+    pub(super) fn begin(
+        job: Job,
+        (lighting, now): (&mut Lighting, &Snapshot),
+        workshop: &Arc<Workshop>,
+    ) -> Drawing {
         let config = &workshop.config;
         let seconds = job.request.until.time.min(Duration::from_secs_f64(config.frame_seconds_max));
         let started = Instant::now();
-        let learning = Learning::Alongside { until: Some(started + seconds.mul_f64(LEARNING_SHARE)) };
+        let learns_until = started + seconds.mul_f64(LEARNING_SHARE);
         let settings = RenderSettings {
             indirect: INDIRECT,
             seed: config.seed,
-            learning,
+            learning: Learning::Alongside { until: Some(learns_until) },
             measuring: config.measuring(),
             keeps_noise: config.keep_noise,
             backend: workshop.card.backend(),
             ..RenderSettings::default()
         };
-        let bytes = settings.picture_bytes(&job.snapshot.plan, job.size.pixel_count());
-        let mut rendering = Rendering::new(job.snapshot.world.clone(), job.view, job.size, settings);
+        let plan = &job.snapshot.plan;
+        let bytes = settings.picture_bytes(plan, job.size.pixel_count());
+        let light =
+            settings.learns(plan).map(|learnt| LightKey { learnt, bounces_max: settings.bounces_max });
+        let is_of_now = job.snapshot.light_revision == now.light_revision;
+        let kept = light.filter(|_| is_of_now).and_then(|light| lighting.hand_over(light));
+        workshop.metrics.pictures.one();
+        workshop.metrics.pictures_lit.add(u64::from(kept.is_some()));
+        let world = job.snapshot.world.clone();
+        let mut rendering = match kept {
+            Some(learner) => Rendering::learning_on((world, learner), job.view, job.size, settings),
+            None => {
+                let of = illumination_of(&settings, workshop);
+                Rendering::learning_by((world, of), job.view, job.size, settings)
+            }
+        };
         rendering.aim_at(job.request.until.error);
         Drawing {
+            light,
             rendering,
             memory: super::viewer_film::FilmMemory::of(workshop, bytes),
             started,
@@ -199,6 +224,13 @@ impl Drawing {
             seed: config.seed,
             job,
         }
+    }
+
+    /// What it learnt of its light, if that is the light of the scene as it is now.
+    pub(super) fn give_light(&mut self, now: &Snapshot) -> Option<(LightKey, (Learner, Arc<World>))> {
+        let is_of_now = self.job.snapshot.light_revision == now.light_revision;
+        let light = self.light.filter(|_| is_of_now)?;
+        Some((light, (self.rendering.give_learner()?, self.job.snapshot.world.clone())))
     }
 
     /// Whether nobody waits for it any more.

@@ -171,6 +171,59 @@ async fn a_picture_can_be_asked_for() {
     server.stop().await;
 }
 
+/// What one picture learns of the light the next begins with, through another camera too, until an edit changes the light.
+#[tokio::test]
+async fn pictures_share_the_light_of_their_scene() {
+    let server = Server::start(|config| config.photons = 64_000).await;
+    let lit = async || {
+        let metrics = &server.scenes.workshop().metrics;
+        let before = (metrics.pictures.value(), metrics.pictures_lit.value());
+        for camera in ["main", "corner"] {
+            let path = format!("{BOX}/frame?camera={camera}&size=48x48&time=1.5");
+            let picture = server.get(&path).await;
+            assert_eq!((picture.status.as_u16(), picture.header("lumicast-done-by")), (200, "time"));
+        }
+        assert_eq!(metrics.pictures.value(), before.0 + 2);
+        metrics.pictures_lit.value() - before.1
+    };
+    assert_eq!(lit().await, 1);
+    assert_eq!(lit().await, 2);
+    // Another light.
+    server
+        .edit(json!([{"op": "set_material", "material": "lamp", "emission": [3.0, 3.0, 9.0]}]))
+        .await
+        .revision();
+    assert_eq!(lit().await, 1);
+    server.stop().await;
+
+    let server = Server::start(|config| (config.photons, config.kept_light_s) = (64_000, 0.0)).await;
+    let metrics = &server.scenes.workshop().metrics;
+    let path = format!("{BOX}/frame?size=48x48&time=0.5");
+    for _ in 0..2 {
+        assert_eq!(server.get(&path).await.status, 200);
+    }
+    assert_eq!((metrics.pictures.value(), metrics.pictures_lit.value()), (2, 0), "nothing is kept");
+    server.stop().await;
+
+    // Who looks keeps his light to himself, and leaves it when he goes.
+    let server = Server::start(|config| config.photons = 64_000).await;
+    let metrics = &server.scenes.workshop().metrics;
+    let mut viewer = server.viewer().await;
+    viewer.say(json!({"type": "accuracy", "technique": "auto"})).await;
+    viewer.say(json!({"type": "camera", "stamp": 7, "size": [64, 48], "camera": "main"})).await;
+    let _ = viewer.frame_where(|header| header.camera_stamp == 7 && header.samples > 8).await;
+    assert_eq!(server.get(&path).await.status, 200);
+    assert_eq!(metrics.pictures_lit.value(), 0);
+    drop(viewer);
+    in_time(async {
+        while metrics.pictures_lit.value() == 0 {
+            assert_eq!(server.get(&path).await.status, 200);
+        }
+    })
+    .await;
+    server.stop().await;
+}
+
 /// Pictures asked for are bounded in number; one given up makes room.
 #[tokio::test]
 async fn too_many_pictures_at_once_are_refused() {

@@ -171,7 +171,7 @@ impl Illumination {
         let start = Instant::now();
         if std::mem::take(&mut self.is_between) {
             match self.divisor_of_next() {
-                Some(divisor) => self.begin_round(self.round + 1, divisor),
+                Some(divisor) => self.begin_round(self.next_round(), divisor),
                 None => {
                     self.is_cut = true;
                     return false;
@@ -222,6 +222,14 @@ impl Illumination {
         self.allowed_seconds = Some([seconds, for_the_smallest]);
     }
 
+    /// It may take as long as it takes from now on: what was cut goes on, and a last round that was made smaller to end in time is followed
+    /// by the whole one.
+    pub(super) fn take_its_time(&mut self) {
+        self.allowed_seconds = None;
+        self.is_cut = false;
+        self.is_between = self.is_round_over() && self.is_before_last_round();
+    }
+
     /// Ends the round that is under way, if anything is known: it would not end in time.
     pub(super) fn abandon_round(&mut self) {
         self.is_cut = self.products.secondary.is_some();
@@ -244,7 +252,18 @@ impl Illumination {
 
     /// What is under way are rounds, and this is not the last.
     pub(super) fn is_before_last_round(&self) -> bool {
-        !self.is_cut && self.round + 1 < self.round_count
+        !self.is_cut && self.next_round() < self.round_count
+    }
+
+    /// Place of the round that comes next in [`ROUNDS`]: the same once more where it was made smaller to end in time, and there is time now.
+    pub(super) fn next_round(&self) -> usize {
+        let is_smaller = self.photon_divisor > ROUNDS[self.round].photon_divisor;
+        if is_smaller && self.allowed_seconds.is_none() { self.round } else { self.round + 1 }
+    }
+
+    /// All that this round brings is known.
+    fn is_round_over(&self) -> bool {
+        self.photons.is_complete() && self.octree.is_complete(self.photons.product())
     }
 
     /// Begins a round; what is known stays known until it knows better.
@@ -253,9 +272,10 @@ impl Illumination {
         self.begun =
             RoundSeconds { photons: self.report.photon_seconds, octrees: self.report.octree_seconds };
         self.newest.ready = self.begun.octrees;
+        let is_second = round == 1 && self.round == 0;
         (self.round, self.photon_divisor) = (round, photon_divisor);
         (self.is_between, self.is_cut) = (false, false);
-        if round == 1 {
+        if is_second {
             self.exponent = self.emission_exponent();
         }
         let is_first = round == 0;
@@ -286,8 +306,7 @@ impl Illumination {
 
     /// How far it has got.
     pub fn stage(&self) -> Stage {
-        let is_over = self.photons.is_complete() && self.octree.is_complete(self.photons.product());
-        if self.is_cut || is_over && !self.is_before_last_round() {
+        if self.is_cut || self.is_round_over() && !self.is_before_last_round() {
             Stage::Complete
         } else if self.products.secondary.is_some() {
             Stage::Rough

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use std::{
     collections::HashMap,
     sync::{Arc, atomic::AtomicBool},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use super::{
@@ -56,6 +56,9 @@ const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap()
 /// came or went, or falls nowhere near where it fell. See [`change_of_lights`].
 const LIGHTS_CHANGE_MAX: f32 = 0.9;
 
+/// Where something is known already, more photons are sent out in times as much time as there was for it.
+const MUCH_MORE_TIME: f64 = 2.0;
+
 /// Records are shown when light was gathered so many times as often for them, since somebody began to look at something else:
 /// whatever is shown anew loses most of the samples it had.
 const MORE: f64 = 1.4;
@@ -79,6 +82,8 @@ pub struct Learner {
     learnt: Learnt,
     settings: RenderSettings,
     of: IlluminationSettings,
+    /// That there was for it; `None`: as long as it takes.
+    time: Option<Duration>,
     /// `None` where no bounce is asked for that it, or records, would bring.
     illumination: Option<Illumination>,
     records: Option<IrradianceCaching>,
@@ -132,6 +137,7 @@ impl Learner {
             learnt,
             settings: *settings,
             of,
+            time: time_of(settings.learning),
             illumination,
             records: None,
             gathered_from: 0,
@@ -178,6 +184,21 @@ impl Learner {
         };
         let [allowed, for_the_smallest] = shares.map(|share| share * seconds);
         self.illumination.iter_mut().for_each(|illumination| illumination.allow(allowed, for_the_smallest));
+    }
+
+    /// Goes on for others than those it learnt for before, in the time that they have. What it left out to end in time is made up for where
+    /// they have much more of it; else they would have the same once more, and what is gathered from it would be gathered anew.
+    pub fn go_on_for(&mut self, learning: Learning) {
+        self.settings.learning = learning;
+        let time = time_of(learning);
+        let has_more = match (time, self.time) {
+            (Some(time), Some(before)) => time > before.mul_f64(MUCH_MORE_TIME),
+            (time, before) => time.is_none() && before.is_some(),
+        };
+        if has_more {
+            self.time = time;
+            self.illumination.iter_mut().for_each(Illumination::take_its_time);
+        }
     }
 
     /// Share of the time there is by whose end photons and octree must be known, with what is drawn beside them.
@@ -515,6 +536,11 @@ impl Learner {
         self.known.clone().map(|known| Dimmed::by(dimmed, known))
     }
 
+    /// What is known is of the scene after the last edit that it was told of.
+    pub fn knows_light_of_now(&self) -> bool {
+        self.known.is_some() && !self.is_stale
+    }
+
     /// Counts up whenever [`Learner::known`] becomes another.
     pub fn generation(&self) -> u64 {
         self.generation
@@ -549,6 +575,14 @@ impl Learner {
             count: records.map_or(0, |records| records.cache().records().len() as u64),
             bytes: records.map_or(0, IrradianceCaching::bytes),
         }
+    }
+}
+
+/// Time from now on for learning so; `None`: as long as it takes.
+fn time_of(learning: Learning) -> Option<Duration> {
+    match learning {
+        Learning::Alongside { until } => until.map(|moment| moment.saturating_duration_since(Instant::now())),
+        Learning::First | Learning::InStep => None,
     }
 }
 

@@ -5,7 +5,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Illumination, Learning, RecordReport, Rendering, Stage, tracer};
+use super::{Illumination, Learner, Learning, RecordReport, Rendering, Stage, tracer};
 use crate::{
     film::{Denoising, Outdated},
     technique::{Progress, SecondaryLight},
@@ -185,6 +185,13 @@ impl Rendering {
     /// All that is to be known of the light is known: the film is what further passes add to.
     pub fn knows_its_light(&self) -> bool {
         self.learner.as_ref().is_none_or(|learner| learner.stage() == Stage::Complete)
+    }
+
+    /// Gives away what it learns its light with, to go on for others; the picture stays as it is.
+    pub fn give_learner(&mut self) -> Option<Learner> {
+        let mut learner = *self.learner.take()?;
+        learner.look_away(|_| false);
+        Some(learner)
     }
 
     /// What its light was learnt with, where it learns by itself.

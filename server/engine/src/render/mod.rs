@@ -166,13 +166,31 @@ impl Rendering {
         settings: RenderSettings,
     ) -> Rendering {
         let plan = EffectPlan::of(world.scene());
-        let rendering = Rendering::with((world, &plan), view, size, settings, None);
-        let learner = rendering.learnt.map(|learnt| {
-            let mut learner = Learner::new(learnt, &settings, illumination);
-            learner.look(0, &view, size);
-            Box::new(learner)
-        });
-        Rendering { learner, ..rendering }
+        match settings.learns(&plan) {
+            Some(learnt) => {
+                let learner = Learner::new(learnt, &settings, illumination);
+                Rendering::learning_on((world, learner), view, size, settings)
+            }
+            None => Rendering::with((world, &plan), view, size, settings, None),
+        }
+    }
+
+    /// The same, going on from what somebody else learnt of the world's light.
+    ///
+    /// - `learner`: of what pictures with these settings [learn](RenderSettings::learns)
+    pub fn learning_on(
+        (world, mut learner): (Arc<World>, Learner),
+        view: CameraView,
+        size: PictureSize,
+        settings: RenderSettings,
+    ) -> Rendering {
+        let plan = EffectPlan::of(world.scene());
+        learner.go_on_for(settings.learning);
+        learner.look_away(|_| false);
+        learner.look(0, &view, size);
+        let known = learner.known().cloned();
+        let rendering = Rendering::with((world, &plan), view, size, settings, known);
+        Rendering { learner: Some(Box::new(learner)), ..rendering }
     }
 
     /// An empty film of `view` that is drawn with what is known of the scene's light; by octree and records light that comes

@@ -45,8 +45,8 @@ impl Progress {
         let left = outlook.words().map(|words| format!(", {words}")).unwrap_or_default();
         self.bar.set_position((done * STEPS as f64) as u64);
         self.bar.set_message(format!(
-            "{} samples, error {error}, {:.2} M rays/s, {seconds:.0} s{left}",
-            rendering.passes(),
+            "{}, error {error}, {:.2} M rays/s, {seconds:.0} s{left}",
+            samples_of(rendering.passes()),
             rays_per_second / 1e6
         ));
     }
@@ -55,6 +55,10 @@ impl Progress {
     pub(super) fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+fn samples_of(passes: u32) -> String {
+    format!("{passes} {}", if passes == 1 { "sample" } else { "samples" })
 }
 
 /// Share of the work done: of the bound that is nearest. The error falls with the root of the samples, so the

@@ -136,7 +136,7 @@ impl Illumination {
     /// surfaces, which is most of the first in scenes of many triangles, takes about as long whatever the size of the cells.
     fn expected_of_octrees(&self, divisor: u32, per_photon: f64) -> f64 {
         let Some(octree) = self.octree.octree() else { return 0.0 };
-        let (_, of_next) = self.settings_of_round(self.round + 1, divisor, self.exponent);
+        let (_, of_next) = self.settings_of_round(self.next_round(), divisor, self.exponent);
         let OctreeMade { seconds, cells: before, neighbours, .. } = self.newest;
         // What is to find more looks farther.
         let seconds = seconds * (of_next.neighbours_min.get() as f64 / neighbours.max(1.0)).sqrt();
@@ -152,7 +152,7 @@ impl Illumination {
     /// All photons over those of the next round: the fewest halvings with which it will end in time; `None` if it would bring no
     /// more photons than this one.
     pub(super) fn divisor_of_next(&self) -> Option<u32> {
-        let wanted = ROUNDS[self.round + 1].photon_divisor;
+        let wanted = ROUNDS[self.next_round()].photon_divisor;
         let fits = |divisor: u32, allowed: f64| {
             let RoundSeconds { photons, octrees } = self.expected_of_next(divisor);
             photons + octrees <= FILLED_SHARE * allowed

@@ -98,6 +98,59 @@ fn the_smallest_round_may_take_longer() {
     assert!(none < smallest && 3 * smallest < all, "{none}, {smallest}, {all}");
 }
 
+/// Whatever was left out to end in time, rounds cut short, not begun or made smaller, is made up for once there is time: the end is what is
+/// known where there was time from the start.
+#[test]
+fn what_was_cut_is_made_up_for() {
+    let world = world_of(samples::cornell_box().unwrap());
+    let never = AtomicBool::new(false);
+    let of: [fn(IlluminationSettings) -> Illumination; 2] = [Illumination::new, Illumination::to_gather_from];
+    for (of, is_last) in of.into_iter().zip([2, 1]) {
+        let begin = || of(settings(64_000, 5));
+        let complete = |illumination: &mut Illumination, allowed: Option<[f64; 2]>| {
+            for _ in 0..100_000 {
+                if illumination.stage() == Stage::Complete {
+                    return illumination.octree().octree().cloned();
+                }
+                allowed.into_iter().for_each(|[seconds, smallest]| illumination.allow(seconds, smallest));
+                illumination.step(&world, &never);
+            }
+            panic!("no end of it");
+        };
+        let whole = complete(&mut begin(), None).unwrap();
+        let is_whole =
+            |cut: &mut Illumination| complete(cut, None).is_some_and(|octree| octree.holds_the_same(&whole));
+        let mut seen = 0;
+        let mut goes_on = |mut cut: Illumination, how: &str| {
+            assert!(!is_whole(&mut cut), "{how}: nothing is left out");
+            cut.take_its_time();
+            assert!(is_whole(&mut cut), "{how}, rounds to {is_last}");
+            seen += 1;
+        };
+        for allowed in [[0.0, 0.0], [0.0, 1e6]] {
+            let mut cut = begin();
+            complete(&mut cut, Some(allowed));
+            goes_on(cut, "not begun, or smaller");
+        }
+        // In the middle of a round, of photons as of octrees.
+        for steps in (1..).step_by(7) {
+            let mut cut = begin();
+            (0..steps).for_each(|_| {
+                cut.step(&world, &never);
+            });
+            if cut.stage() == Stage::Complete {
+                break;
+            }
+            cut.abandon_round();
+            // Before anything is known it goes on.
+            if cut.is_cut() && !is_whole(&mut cut) {
+                goes_on(cut, "abandoned");
+            }
+        }
+        assert!(seen > 4, "{seen}");
+    }
+}
+
 /// A box under a point light, or around it: above, most photons leave; within, hardly any.
 fn box_under_lamp(height_m: f64, albedo: f32) -> World {
     let mut stage = Building::default();
