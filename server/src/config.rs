@@ -220,8 +220,9 @@ settings! {
     /// for what is looked at then are made anew.
     irradiance_records: u32 = 500_000;
     /// How long a scene keeps what it knows of its light when the last who looked has gone, or the last single picture is drawn, s, 0 to
-    /// 86400: whoever comes back, reloads a page or asks for the next picture begins with that. Edits of the light drop it. It takes the memory of photons, octree and records above, twice at most
-    /// for each scene: for the last two techniques, or bounds on bounces, that somebody looked with.
+    /// 86400: whoever comes back, reloads a page or asks for the next picture begins with that. Edits of the light drop it. It takes the memory of
+    /// photons, octree and records above, twice at most for each scene: for the last two techniques, or bounds on bounces, that somebody
+    /// looked with. Single pictures that are being drawn take it once more each.
     kept_light_s: f64 = 60.0;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
     /// second with packing and sending. After a change that comes alone it may take up to three times as long.

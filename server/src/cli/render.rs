@@ -53,12 +53,17 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let job = Job::prepare(&args, &loaded, start)?;
     let mut rendering = job.rendering()?;
     // All of it keeps to the threads that were asked for: pictures are made of films by several.
-    let (outcome, picture, statistics) = job.pool.install(|| {
+    let (outcome, picture, hint, statistics) = job.pool.install(|| {
         let outcome = job.render(&mut rendering)?;
         let facts = job.facts(&rendering, outcome.stopped_by, outcome.seconds);
-        let picture = encode(&args, format, &rendering.picture(), &facts)?;
+        let shown = rendering.picture();
+        let picture = encode(&args, format, &shown, &facts)?;
+        let hint = match format {
+            OutputFormat::Exr => None,
+            OutputFormat::Png | OutputFormat::Jpeg => exposure::hint(&shown.radiance(), args.exposure),
+        };
         let statistics = job.statistics(&rendering, &outcome);
-        Ok::<_, CliError>((outcome, picture, statistics))
+        Ok::<_, CliError>((outcome, picture, hint, statistics))
     })?;
     if let Some(signal) = outcome.interrupt.came() {
         return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
@@ -69,9 +74,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, measured, is_confirmed) {
         eprintln!("warning: {missed}");
     }
-    if format != OutputFormat::Exr
-        && let Some(hint) = exposure::hint(&rendering.picture().radiance(), args.exposure)
-    {
+    if let Some(hint) = hint {
         eprintln!("hint: {hint}");
     }
     report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))

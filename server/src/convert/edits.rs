@@ -202,7 +202,14 @@ fn light(parent: Option<lumicast_engine::scene::Id>, source: &LightSource) -> Li
 fn set_light(builder: &mut SceneBuilder, edit: &SetLight) -> Result<(), Refusal> {
     let Some(before) = builder.scene().lights().get(edit.light.as_str()) else {
         let known = builder.scene().lights().keys();
-        return Err(SceneError::unknown("light", "light", edit.light.as_str(), known).into());
+        let mut refusal: Refusal = SceneError::unknown("light", "light", edit.light.as_str(), known).into();
+        // Who looks for a lamp looks for whatever shines.
+        let mut materials = builder.scene().materials().iter();
+        if let Some((material, _)) = materials.find(|(_, material)| material.is_emissive()) {
+            refusal.reason +=
+                &format!("; surfaces shine by their material, here {material:?}: set_material with emission");
+        }
+        return Err(refusal);
     };
     let source = edit.applied_to(&super::describe::light_source(before)).map_err(|reason| {
         // The protocol puts the field's name between the first backticks.

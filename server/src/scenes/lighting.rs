@@ -164,6 +164,11 @@ impl Lit {
         self.world = world.clone();
     }
 
+    /// What is known is of the scene that it was to be brought to last.
+    fn knows_light_of_now(&self) -> bool {
+        self.ahead.leaves_light_alone() && self.learner.knows_light_of_now()
+    }
+
     /// A later scene waits, and no longer for anything.
     fn may_go_on(&self) -> bool {
         !self.ahead.leaves_light_alone() && !self.learner.is_catching_up()
@@ -246,32 +251,60 @@ impl Lighting {
         }
     }
 
-    /// Goes on with what somebody learnt for himself alone, of the scene that [`Lighting::follow`] was told of last, unless something is
-    /// known already: kept as if he had looked with it.
+    /// Goes on with what somebody learnt for himself alone, of the scene that [`Lighting::follow`] was told of last, where it is better than
+    /// what there is: for those who look, or kept as if he had looked with it. Returns what is not needed.
     pub(super) fn take_over(
         &mut self,
         key: LightKey,
         (learner, world): (Learner, Arc<World>),
         workshop: &Workshop,
-    ) {
-        if self.lit.contains_key(&key) || !learner.knows_light_of_now() {
-            return;
+    ) -> Option<Learner> {
+        let is_better = |lit: &Lit| {
+            !lit.knows_light_of_now()
+                || lit.learner.stage() != Stage::Complete
+                    && lit.learner.photons_sent() < learner.photons_sent()
+                || lit.left.is_some() && lit.learner.photons_sent() < learner.photons_sent()
+        };
+        if !learner.knows_light_of_now() || !self.lit.get(&key).is_none_or(is_better) {
+            return Some(learner);
         }
         let now = Instant::now();
-        let seconds = self.least_seconds().unwrap_or(0.0);
-        let mut lit = Lit { learner, left: Some(now), ..Lit::begin(key, &world, seconds, workshop) };
-        lit.follow(&mut self.generation);
-        self.lit.insert(key, lit);
-        let expires = now + workshop.config.kept_light();
-        self.expires_at = Some(self.expires_at.map_or(expires, |at| at.min(expires)));
+        let kept = workshop.config.kept_light();
+        let refused = match self.lit.get_mut(&key) {
+            Some(lit) => {
+                (lit.world, lit.ahead) = (world, SceneChange::default());
+                let refused = std::mem::replace(&mut lit.learner, learner);
+                match lit.left {
+                    // Whoever looks looks with it from the next round on.
+                    None => lit.learner.go_on_for(Learning::Alongside { until: None }),
+                    Some(_) => lit.left = Some(now),
+                }
+                // Whatever its own count says.
+                lit.learner_generation = u64::MAX;
+                Some(refused)
+            }
+            None => {
+                let seconds = self.least_seconds().unwrap_or(0.0);
+                let lit = Lit { learner, left: Some(now), ..Lit::begin(key, &world, seconds, workshop) };
+                self.lit.insert(key, lit);
+                None
+            }
+        };
+        if let Some(lit) = self.lit.get_mut(&key) {
+            lit.follow(&mut self.generation);
+        }
+        self.drop_expired(&SceneChange::default(), (now, kept));
+        refused
     }
 
-    /// What is kept and nobody looks with, for somebody who goes on with it for himself alone; of the scene that [`Lighting::follow`] was
-    /// told of last.
-    pub(super) fn hand_over(&mut self, key: LightKey) -> Option<Learner> {
-        let is_free = |lit: &Lit| lit.left.is_some() && lit.ahead.leaves_light_alone();
-        self.lit.get(&key).filter(|lit| is_free(lit) && lit.learner.knows_light_of_now())?;
-        Some(self.lit.remove(&key)?.learner)
+    /// What is kept and nobody looks with, for somebody who goes on with it for himself alone, with records as the settings have them; of
+    /// the scene that [`Lighting::follow`] was told of last.
+    pub(super) fn hand_over(&mut self, key: LightKey, workshop: &Workshop) -> Option<Learner> {
+        self.lit.get(&key).filter(|lit| lit.left.is_some() && lit.knows_light_of_now())?;
+        let mut learner = self.lit.remove(&key)?.learner;
+        let accuracy = illumination_of(&RenderSettings::default(), workshop).irradiance.weighing.accuracy;
+        workshop.drawing_pool.install(|| learner.set_accuracy(accuracy));
+        Some(learner)
     }
 
     /// Keeps what is wanted, and for a while what was: who reloads a page, or tries another technique, is shown what was known. Through
@@ -294,6 +327,11 @@ impl Lighting {
                 lit.learner.go_on_for(Learning::Alongside { until: None });
             }
         }
+        self.drop_expired(change, (now, kept));
+    }
+
+    /// Drops what was kept for long enough, or is too much, or of other light.
+    fn drop_expired(&mut self, change: &SceneChange, (now, kept): (Instant, Duration)) {
         let mut left: Vec<(Instant, LightKey)> =
             self.lit.iter().filter_map(|(key, lit)| Some((lit.left?, *key))).collect();
         left.sort_by_key(|(at, _)| std::cmp::Reverse(*at));
@@ -533,26 +571,55 @@ mod tests {
             (lit.learner, world.clone())
         };
         let mut lighting = Lighting::default();
-        lighting.take_over(key, (learner_of(key, &workshop), world.clone()), &workshop);
+        assert!(lighting.take_over(key, (learner_of(key, &workshop), world.clone()), &workshop).is_some());
         assert!(lighting.lit.is_empty() && lighting.expires_at().is_none());
-        lighting.take_over(key, learnt(), &workshop);
+        assert!(lighting.take_over(key, learnt(), &workshop).is_none());
         assert!(lighting.generation(key) > 0);
         assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
         let first = lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap();
-        lighting.take_over(key, learnt(), &workshop);
+        assert!(lighting.take_over(key, learnt(), &workshop).is_some(), "no better");
         assert!(Arc::ptr_eq(&first, &lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap()));
         // Nobody gets it whose light is another, nor while somebody looks with it.
-        assert!(lighting.hand_over(LightKey { bounces_max: Some(3), ..key }).is_none());
+        assert!(lighting.hand_over(LightKey { bounces_max: Some(3), ..key }, &workshop).is_none());
         let left = lighting.lit.get_mut(&key).unwrap().left.take();
-        assert!(left.is_some() && lighting.hand_over(key).is_none());
+        assert!(left.is_some() && lighting.hand_over(key, &workshop).is_none());
         let kept = lighting.lit.get_mut(&key).unwrap();
         (kept.left, kept.ahead) = (left, change_of("lamp"));
-        assert!(lighting.hand_over(key).is_none(), "an edit is yet to be followed");
+        assert!(lighting.hand_over(key, &workshop).is_none(), "an edit is yet to be followed");
         lighting.lit.get_mut(&key).unwrap().ahead = SceneChange::default();
-        let handed = lighting.hand_over(key).unwrap();
+        lighting.lit.get_mut(&key).unwrap().learner.set_accuracy(0.9);
+        let handed = lighting.hand_over(key, &workshop).unwrap();
         assert!(handed.known().is_some_and(|known| Arc::ptr_eq(known, &first)) && lighting.lit.is_empty());
+        assert_eq!(handed.accuracy(), learner_of(key, &workshop).accuracy());
+        // Whoever looks and knows nothing yet goes on with it, and so does whoever knows less and learns on.
+        let mut lit = Lit::begin(key, &world, 0.0, &workshop);
+        lighting.lit.insert(key, lit);
+        assert!(
+            lighting
+                .take_over(key, (handed, world.clone()), &workshop)
+                .is_some_and(|of| of.known().is_none())
+        );
+        let lit_now = &lighting.lit[&key];
+        assert!(lit_now.left.is_none() && lit_now.knows_light_of_now());
+        let generation = lighting.generation(key);
+        let (mut better, _) = learnt();
+        while better.stage() != Stage::Complete {
+            workshop.drawing_pool.install(|| better.step(&world, &AtomicBool::new(false)));
+        }
+        assert!(lighting.take_over(key, (better, world.clone()), &workshop).is_some());
+        assert!(lighting.lit[&key].is_complete() && lighting.generation(key) > generation);
+        assert!(lighting.take_over(key, learnt(), &workshop).is_some_and(|of| of.stage() != Stage::Complete));
+        // What is kept and of before an edit is no better than nothing.
+        lit = Lit {
+            left: Some(Instant::now()),
+            ahead: change_of("lamp"),
+            ..Lit::begin(key, &world, 0.0, &workshop)
+        };
+        lit.learner = learnt().0;
+        lighting.lit.insert(key, lit);
+        assert!(lighting.take_over(key, learnt(), &workshop).is_some());
+        assert!(lighting.lit[&key].knows_light_of_now());
         // An edit is not followed at all where nobody looks.
-        lighting.take_over(key, (handed, world.clone()), &workshop);
         let (none, now) = (HashMap::new(), Instant::now());
         lighting.retain(&none, &change_of("lamp"), (now, Duration::from_secs(60)));
         assert!(lighting.lit.is_empty() && lighting.expires_at().is_none());

@@ -170,13 +170,17 @@ impl Painter {
     /// Answers it, and keeps what it learnt of the light.
     fn answer(&mut self, settled: Vec<Drawing>, snapshot: &Snapshot) {
         for mut drawing in settled {
-            if let Some((light, learnt)) = drawing.give_light(snapshot) {
-                self.lighting.take_over(light, learnt, &self.scene.workshop);
-            }
+            let learnt = drawing.give_light(snapshot);
+            let refused = learnt
+                .and_then(|(light, learnt)| self.lighting.take_over(light, learnt, &self.scene.workshop));
             lock(&self.scene.board).requests_open -= 1;
-            if !drawing.is_given_up() {
-                self.scene.workshop.drawing_pool.spawn(move || drawing.finish());
-            }
+            self.scene.workshop.drawing_pool.spawn(move || {
+                // Giving so much memory back takes time too.
+                drop(refused);
+                if !drawing.is_given_up() {
+                    drawing.finish();
+                }
+            });
         }
     }
 

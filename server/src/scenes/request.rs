@@ -200,12 +200,12 @@ impl Drawing {
         let light =
             settings.learns(plan).map(|learnt| LightKey { learnt, bounces_max: settings.bounces_max });
         let is_of_now = job.snapshot.light_revision == now.light_revision;
-        let kept = light.filter(|_| is_of_now).and_then(|light| lighting.hand_over(light));
+        let kept = light.filter(|_| is_of_now).and_then(|light| lighting.hand_over(light, workshop));
         workshop.metrics.pictures.one();
         workshop.metrics.pictures_lit.add(u64::from(kept.is_some()));
         let world = job.snapshot.world.clone();
         let mut rendering = match kept {
-            Some(learner) => Rendering::learning_on((world, learner), job.view, job.size, settings),
+            Some(learner) => Rendering::learning_on((world, plan), learner, (job.view, job.size), settings),
             None => {
                 let of = illumination_of(&settings, workshop);
                 Rendering::learning_by((world, of), job.view, job.size, settings)

@@ -179,7 +179,7 @@ async fn pictures_share_the_light_of_their_scene() {
         let metrics = &server.scenes.workshop().metrics;
         let before = (metrics.pictures.value(), metrics.pictures_lit.value());
         for camera in ["main", "corner"] {
-            let path = format!("{BOX}/frame?camera={camera}&size=48x48&time=1.5");
+            let path = format!("{BOX}/frame?camera={camera}&size=48x48&time=0.4");
             let picture = server.get(&path).await;
             assert_eq!((picture.status.as_u16(), picture.header("lumicast-done-by")), (200, "time"));
         }
@@ -198,7 +198,7 @@ async fn pictures_share_the_light_of_their_scene() {
 
     let server = Server::start(|config| (config.photons, config.kept_light_s) = (64_000, 0.0)).await;
     let metrics = &server.scenes.workshop().metrics;
-    let path = format!("{BOX}/frame?size=48x48&time=0.5");
+    let path = format!("{BOX}/frame?size=48x48&time=0.4");
     for _ in 0..2 {
         assert_eq!(server.get(&path).await.status, 200);
     }

@@ -109,6 +109,8 @@ pub struct Illumination {
     is_between: bool,
     /// No further round would end in time, or the one under way would not.
     is_cut: bool,
+    /// A round that was made smaller to end in time comes once more, larger.
+    enlarges_round: bool,
     /// See [`Illumination::emission_exponent`].
     exponent: i32,
     /// Of the first round, once its photons say; see [`FIRST_EXPONENT_MAX`].
@@ -148,6 +150,7 @@ impl Illumination {
             allowed_seconds: None,
             is_between: false,
             is_cut: false,
+            enlarges_round: false,
             exponent: 0,
             first_exponent: None,
             products: Products::default(),
@@ -173,7 +176,7 @@ impl Illumination {
             match self.divisor_of_next() {
                 Some(divisor) => self.begin_round(self.next_round(), divisor),
                 None => {
-                    self.is_cut = true;
+                    (self.is_cut, self.enlarges_round) = (true, false);
                     return false;
                 }
             }
@@ -222,11 +225,12 @@ impl Illumination {
         self.allowed_seconds = Some([seconds, for_the_smallest]);
     }
 
-    /// It may take as long as it takes from now on: what was cut goes on, and a last round that was made smaller to end in time is followed
-    /// by the whole one.
+    /// It may take as long as it takes, or as it is [allowed](Illumination::allow) from now on: what was cut goes on, and a round that was made
+    /// smaller to end in time is made whole, or larger at least.
     pub(super) fn take_its_time(&mut self) {
         self.allowed_seconds = None;
         self.is_cut = false;
+        self.enlarges_round = true;
         self.is_between = self.is_round_over() && self.is_before_last_round();
     }
 
@@ -255,10 +259,10 @@ impl Illumination {
         !self.is_cut && self.next_round() < self.round_count
     }
 
-    /// Place of the round that comes next in [`ROUNDS`]: the same once more where it was made smaller to end in time, and there is time now.
+    /// Place of the round that comes next in [`ROUNDS`]: the same once more where it was made smaller than it is to be now.
     pub(super) fn next_round(&self) -> usize {
         let is_smaller = self.photon_divisor > ROUNDS[self.round].photon_divisor;
-        if is_smaller && self.allowed_seconds.is_none() { self.round } else { self.round + 1 }
+        if is_smaller && self.enlarges_round { self.round } else { self.round + 1 }
     }
 
     /// All that this round brings is known.
@@ -274,7 +278,7 @@ impl Illumination {
         self.newest.ready = self.begun.octrees;
         let is_second = round == 1 && self.round == 0;
         (self.round, self.photon_divisor) = (round, photon_divisor);
-        (self.is_between, self.is_cut) = (false, false);
+        (self.is_between, self.is_cut, self.enlarges_round) = (false, false, false);
         if is_second {
             self.exponent = self.emission_exponent();
         }

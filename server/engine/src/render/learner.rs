@@ -193,12 +193,22 @@ impl Learner {
         let time = time_of(learning);
         let has_more = match (time, self.time) {
             (Some(time), Some(before)) => time > before.mul_f64(MUCH_MORE_TIME),
-            (time, before) => time.is_none() && before.is_some(),
+            (Some(_), None) => false,
+            // Also of what those before were allowed who came after all was known.
+            (None, _) => true,
         };
+        let Some(illumination) = &mut self.illumination else { return };
         if has_more {
-            self.time = time;
-            self.illumination.iter_mut().for_each(Illumination::take_its_time);
+            illumination.take_its_time();
         }
+        if has_more || illumination.stage() != Stage::Complete {
+            self.time = time;
+        }
+    }
+
+    /// Photons sent out for what is known: of two of one scene the one with more knows better.
+    pub fn photons_sent(&self) -> u64 {
+        self.illumination.as_ref().map_or(0, |illumination| illumination.report().photons_emitted)
     }
 
     /// Share of the time there is by whose end photons and octree must be known, with what is drawn beside them.

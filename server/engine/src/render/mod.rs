@@ -169,7 +169,7 @@ impl Rendering {
         match settings.learns(&plan) {
             Some(learnt) => {
                 let learner = Learner::new(learnt, &settings, illumination);
-                Rendering::learning_on((world, learner), view, size, settings)
+                Rendering::learning_on((world, &plan), learner, (view, size), settings)
             }
             None => Rendering::with((world, &plan), view, size, settings, None),
         }
@@ -177,19 +177,19 @@ impl Rendering {
 
     /// The same, going on from what somebody else learnt of the world's light.
     ///
+    /// - `plan`: of the world's scene
     /// - `learner`: of what pictures with these settings [learn](RenderSettings::learns)
     pub fn learning_on(
-        (world, mut learner): (Arc<World>, Learner),
-        view: CameraView,
-        size: PictureSize,
+        (world, plan): (Arc<World>, &EffectPlan),
+        mut learner: Learner,
+        (view, size): (CameraView, PictureSize),
         settings: RenderSettings,
     ) -> Rendering {
-        let plan = EffectPlan::of(world.scene());
         learner.go_on_for(settings.learning);
         learner.look_away(|_| false);
         learner.look(0, &view, size);
         let known = learner.known().cloned();
-        let rendering = Rendering::with((world, &plan), view, size, settings, known);
+        let rendering = Rendering::with((world, plan), view, size, settings, known);
         Rendering { learner: Some(Box::new(learner)), ..rendering }
     }
 

@@ -165,8 +165,11 @@ impl SceneBuilder {
         let emissive = self.emissive_triangles_with(&id, material.is_emissive());
         over_limit("material", &id, "emissive triangles", emissive, self.limits.emissive_triangles_max)?;
         self.emissive_triangles = emissive;
-        self.change.materials.insert(id.clone());
-        self.scene.materials.insert(id, Arc::new(material));
+        // What is as it was changes nothing, least of all the light.
+        if self.scene.materials.get(&id).is_none_or(|before| **before != material) {
+            self.change.materials.insert(id.clone());
+            self.scene.materials.insert(id, Arc::new(material));
+        }
         Ok(())
     }
 
@@ -260,6 +263,9 @@ impl SceneBuilder {
         };
         let (id, before) = (id.clone(), node.parent_from_node);
         check_transform("node", &id, &parent_from_node)?;
+        if parent_from_node == before {
+            return Ok(());
+        }
         self.scene.nodes[&id].parent_from_node = parent_from_node;
         let moved = self.with_descendants(&id);
         let refused = moved.iter().find_map(|node| self.check_placed(node).err());
@@ -372,6 +378,9 @@ impl SceneBuilder {
                 }
             }
         }
+        if self.scene.environment == environment {
+            return Ok(());
+        }
         let before = std::mem::replace(&mut self.scene.environment, environment);
         if let Environment::Image { texture, .. } = before {
             self.drop_unused_textures([texture].into_iter().collect());
@@ -386,8 +395,10 @@ impl SceneBuilder {
         self.check_light_placed(&id, &light)?;
         // Unit length is part of the type's promise; `check_light` has seen that it is possible.
         light.direction = light.direction.normalize_or(DVec3::NEG_Z);
-        self.change.lights.insert(id.clone());
-        self.scene.lights.insert(id, light);
+        if self.scene.lights.get(&id) != Some(&light) {
+            self.change.lights.insert(id.clone());
+            self.scene.lights.insert(id, light);
+        }
         Ok(())
     }
 

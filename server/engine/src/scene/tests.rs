@@ -3,7 +3,8 @@
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::{
-    Id, Light, LightKind, Material, MeshSource, Node, Primitive, Scene, SceneBuilder, SceneError, SceneLimits,
+    Environment, Id, Light, LightKind, Material, MeshSource, Node, Primitive, Scene, SceneBuilder,
+    SceneChange, SceneError, SceneLimits,
 };
 use crate::math::Rgb;
 
@@ -115,6 +116,39 @@ fn refused_lamps_leave_no_trace() {
     }
     builder.add_node(id("b"), node(Some("lamp"), None)).unwrap();
     assert_eq!(builder.scene().nodes().len(), 2);
+}
+
+/// Whoever sets what is set already changes nothing: light that is known stays known. The least that is otherwise does change it.
+#[test]
+fn what_is_set_again_changes_nothing() {
+    let light = Light {
+        parent: None,
+        position: DVec3::Y,
+        direction: DVec3::new(0.0, -3.0, 4.0),
+        kind: LightKind::Directional { irradiance: Rgb::WHITE },
+    };
+    let set = |builder: &mut SceneBuilder, light: &Light, albedo: f32, x: f64, sky: f32| {
+        builder.set_material(id("wall"), Material::lambert(Rgb::splat(albedo))).unwrap();
+        builder.set_transform("room", DAffine3::from_translation(x * DVec3::X)).unwrap();
+        builder.set_light("sun", light.clone()).unwrap();
+        builder.set_environment(Environment::Constant(Rgb::splat(sky))).unwrap();
+    };
+    let mut builder = SceneBuilder::new(SceneLimits::default());
+    builder.add_node(id("room"), node(None, None)).unwrap();
+    builder.add_light(id("sun"), light.clone()).unwrap();
+    set(&mut builder, &light, 0.5, 1.0, 0.3);
+    let (scene, _) = builder.finish();
+    let change_by = |light: &Light, albedo: f32, x: f64, sky: f32| {
+        let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+        set(&mut builder, light, albedo, x, sky);
+        builder.finish().1
+    };
+    assert_eq!(change_by(&light, 0.5, 1.0, 0.3), SceneChange::default());
+    let dimmer = Light { kind: LightKind::Directional { irradiance: Rgb::splat(0.999) }, ..light.clone() };
+    assert_eq!(change_by(&dimmer, 0.5, 1.0, 0.3).lights.len(), 1);
+    assert_eq!(change_by(&light, 0.501, 1.0, 0.3).materials.len(), 1);
+    assert_eq!(change_by(&light, 0.5, 1.001, 0.3).nodes.len(), 1);
+    assert!(change_by(&light, 0.5, 1.0, 0.301).environment);
 }
 
 /// Zero vectors among normals are the documented way to ask for flat ones, and no news.

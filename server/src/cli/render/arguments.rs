@@ -256,10 +256,12 @@ fn parse_irradiance_accuracy(value: &str) -> Result<f32, String> {
     accuracy.ok_or_else(|| format!("a number from {least} to {most}"))
 }
 
+/// Exposures, stops, either way: 2^±64 spans every radiance that a scene may hold.
+pub(super) const EXPOSURE_MAX: f32 = 64.0;
+
 fn parse_exposure(value: &str) -> Result<f32, String> {
     match f32::from_str(value) {
-        // 2^±64 spans every radiance that a scene may hold.
-        Ok(stops) if (-64.0..=64.0).contains(&stops) => Ok(stops),
+        Ok(stops) if stops.abs() <= EXPOSURE_MAX => Ok(stops),
         Ok(_) => Err("must be between -64 and 64 stops".into()),
         Err(_) => Err("not a number of stops".into()),
     }

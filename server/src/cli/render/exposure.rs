@@ -2,9 +2,11 @@
 
 use lumicast_engine::math::Rgb;
 
-/// What a picture's middle pixel is to shine with to be shown as a middle grey, W/(m² sr).
+use super::arguments::EXPOSURE_MAX;
+
+/// What a picture's middle pixel is to shine with after exposure to be shown as a middle grey, about, by whichever tone map.
 const GREY: f32 = 0.18;
-/// Stops from there from which on a picture counts as dark or blown out: sRGB shows a hundredth as 25 of 255.
+/// Stops from there from which on a picture counts as dark or blown out: without a tone map sRGB shows a hundredth as 25 of 255.
 const STOPS_OFF: f32 = 4.0;
 
 /// Says which exposure would show a picture whose lit pixels are, half of them, far too dark or far too bright; nothing where they are not,
@@ -18,9 +20,9 @@ pub(super) fn hint(radiance: &[Rgb], exposure_ev: f32) -> Option<String> {
     let (_, median, _) = luminances.select_nth_unstable_by(middle, f32::total_cmp);
     let better = (GREY / *median).log2();
     let off = better - exposure_ev;
-    // Rounded to halves, and as far as exposures go.
-    let better = ((2.0 * better).round() / 2.0).clamp(-32.0, 32.0);
-    (off.abs() > STOPS_OFF && better != exposure_ev).then(|| {
+    // Rounded to halves, without a sign before zero.
+    let better = (2.0 * better).round() / 2.0 + 0.0;
+    (off.abs() > STOPS_OFF && better.abs() <= EXPOSURE_MAX).then(|| {
         let how = if off > 0.0 { "dark" } else { "bright" };
         format!("most of the picture is too {how} to see much; --exposure {better} would show it")
     })
@@ -53,7 +55,7 @@ mod tests {
         // Nothing to see, and what no exposure shows.
         assert_eq!(hint(&[Rgb::BLACK; 9], 0.0), None);
         assert_eq!(hint(&[], 0.0), None);
-        assert!(told(&[Rgb::splat(1e-30)], 0.0).contains("--exposure 32 "));
-        assert_eq!(hint(&[Rgb::splat(1e-30)], 32.0), None);
+        assert_eq!(hint(&[Rgb::splat(1e-30)], 0.0), None);
+        assert!(told(&[Rgb::splat(0.19)], 7.0).contains("--exposure 0 "));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::accel::Ray;
+use std::time::{Duration, Instant};
 
 /// The rounds of a scene's illumination begin again where an edit changes much and go on where it changes little; what is
 /// known in between is never nothing, and in the end it is what a fresh one knows.
@@ -106,7 +107,7 @@ fn what_was_cut_is_made_up_for() {
     let never = AtomicBool::new(false);
     let of: [fn(IlluminationSettings) -> Illumination; 2] = [Illumination::new, Illumination::to_gather_from];
     for (of, is_last) in of.into_iter().zip([2, 1]) {
-        let begin = || of(settings(64_000, 5));
+        let begin = || of(settings(32_000, 4));
         let complete = |illumination: &mut Illumination, allowed: Option<[f64; 2]>| {
             for _ in 0..100_000 {
                 if illumination.stage() == Stage::Complete {
@@ -133,21 +134,81 @@ fn what_was_cut_is_made_up_for() {
             goes_on(cut, "not begun, or smaller");
         }
         // In the middle of a round, of photons as of octrees.
-        for steps in (1..).step_by(7) {
+        let mut all = begin();
+        let steps = (1..).take_while(|_| {
+            all.step(&world, &never);
+            all.stage() != Stage::Complete
+        });
+        let steps = steps.count();
+        for tenth in 1..10 {
             let mut cut = begin();
-            (0..steps).for_each(|_| {
+            (0..steps * tenth / 10).for_each(|_| {
                 cut.step(&world, &never);
             });
-            if cut.stage() == Stage::Complete {
-                break;
-            }
             cut.abandon_round();
             // Before anything is known it goes on.
-            if cut.is_cut() && !is_whole(&mut cut) {
+            if cut.is_cut() {
                 goes_on(cut, "abandoned");
             }
         }
         assert!(seen > 4, "{seen}");
+    }
+}
+
+/// Whoever learns on after others, in whatever time these had, has in the end what he would have learnt by himself: after edits too, which
+/// times of before have no say in.
+#[test]
+fn who_goes_on_after_others_learns_as_much() {
+    const SHORT: Option<Duration> = Some(Duration::ZERO);
+    const LONG: Option<Duration> = Some(Duration::from_secs(100_000));
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let size = PictureSize::new(8, 8).unwrap();
+    let view = world.scene().camera_view(None).unwrap();
+    let plan = EffectPlan::of(world.scene());
+    // A picture that is drawn to the end of learning, or has a few passes.
+    let draw = |world: &Arc<World>, learner: Option<Learner>, time: Option<Duration>, to_the_end: bool| {
+        let until = time.map(|time| Instant::now() + time);
+        let learning = Learning::Alongside { until };
+        let of = RenderSettings { indirect: Indirect::Auto, learning, ..RenderSettings::default() };
+        let mut rendering = match learner {
+            Some(learner) => Rendering::learning_on((Arc::clone(world), &plan), learner, (view, size), of),
+            None => Rendering::learning_by((Arc::clone(world), settings(32_000, 4)), view, size, of),
+        };
+        for _ in 0..100_000 {
+            if rendering.passes() >= 3 && (!to_the_end || rendering.knows_its_light()) {
+                return rendering.give_learner().unwrap();
+            }
+            rendering.step(&AtomicBool::new(false));
+        }
+        panic!("no end of it");
+    };
+    let octree_of = |learner: &Learner| learner.illumination().unwrap().octree().octree().unwrap().clone();
+    let (edited, change) = edited(&world, |builder| {
+        let lamp = Material::emitter(Rgb::new(3.0, 5.0, 9.0));
+        builder.set_material(id("lamp".into()), lamp).unwrap();
+    });
+    let edited = Arc::new(edited);
+    let fresh = [&world, &edited].map(|world| octree_of(&draw(world, None, None, true)));
+    for before in [&[SHORT][..], &[None], &[None, SHORT], &[SHORT, SHORT], &[LONG, SHORT]] {
+        for last in [None, LONG] {
+            for is_first_whole in [false, true] {
+                let mut learner = None;
+                for (number, time) in before.iter().enumerate() {
+                    let is_whole = is_first_whole && number == 0 && *time != SHORT;
+                    learner = Some(draw(&world, learner, *time, is_whole));
+                }
+                let mut learner = draw(&world, learner, last, true);
+                let how = format!("{before:?}, then {last:?}, {is_first_whole}");
+                assert!(octree_of(&learner).holds_the_same(&fresh[0]), "{how}");
+                assert!(learner.knows_light_of_now(), "{how}");
+                // Whoever comes then, and edits.
+                learner = draw(&world, Some(learner), SHORT, false);
+                learner.go_on_for(Learning::Alongside { until: None });
+                learner.apply(&Edit { before: &world, after: &edited, change: &change });
+                let learner = draw(&edited, Some(learner), None, true);
+                assert!(octree_of(&learner).holds_the_same(&fresh[1]), "{how}, edited");
+            }
+        }
     }
 }
 
