@@ -5,12 +5,14 @@
 //! Imports nothing: the engine takes texts from here and hands them to its graphics interface.
 
 mod accel;
+mod irradiance;
 mod path;
 
 #[cfg(test)]
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
+pub use irradiance::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
     PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
@@ -34,10 +36,12 @@ pub static STEPS: &[&Step] = &[
     &GATHER_OCCLUDED,
     &PHOTONS_BEGIN,
     &PHOTONS_FLY,
+    &IRRADIANCE_SEEN,
+    &IRRADIANCE_RESOLVE,
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.
-pub static RASTERS: &[&Raster] = &[&PLANES];
+pub static RASTERS: &[&Raster] = &[&PLANES, &IRRADIANCE_SPLAT];
 
 /// Constants with which the steps are proved: every name that a part expects to be prepended.
 pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
@@ -115,6 +119,8 @@ pub struct Raster {
     pub vertex: &'static str,
     /// The function that runs for every pixel of a triangle.
     pub fragment: &'static str,
+    /// What becomes of pixels that several triangles are drawn onto.
+    pub overlap: Overlap,
     /// What its source is made of, in this order.
     pub parts: &'static [&'static Part],
 }
@@ -124,6 +130,15 @@ impl Raster {
     pub fn source(&self, constants: &[(&str, Constant)]) -> String {
         source_of(self.parts, constants)
     }
+}
+
+/// What a pixel shows that several triangles are drawn onto.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overlap {
+    /// Four words of the nearest one.
+    Nearest,
+    /// Four floats of all of them, added up in the order in which they are drawn.
+    Sum,
 }
 
 fn source_of(parts: &[&Part], constants: &[(&str, Constant)]) -> String {

@@ -1,20 +1,22 @@
 //! Path tracing in steps, one scattering of every path of a slice at a time.
 
 use crate::{
-    Part, Raster, Step,
+    Overlap, Part, Raster, Step,
     accel::{TREE, UNMASKED},
+    irradiance::{BY_RECORDS, FACING, WEIGH},
 };
 
-static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
-static SCENE: Part = Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
-static BSDF: Part = Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
-static SURFACE: Part = Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
+pub(crate) static NUMBERS: Part = Part { name: "math/numbers", source: include_str!("../math/numbers.wgsl") };
+pub(crate) static SCENE: Part =
+    Part { name: "transport/scene", source: include_str!("../transport/scene.wgsl") };
+pub(crate) static BSDF: Part =
+    Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
+pub(crate) static SURFACE: Part =
+    Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
 static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };
 static KNOWN: Part = Part { name: "path/known", source: include_str!("../path/known.wgsl") };
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
 static BY_OCTREE: Part = Part { name: "octree/asked", source: include_str!("../octree/asked.wgsl") };
-static BY_RECORDS: Part =
-    Part { name: "irradiance/look_up", source: include_str!("../irradiance/look_up.wgsl") };
 static FOCUSED: Part = Part { name: "caustics/look_up", source: include_str!("../caustics/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
@@ -74,7 +76,8 @@ pub static PATH_SHADE: Step = shading!("path/shade", PIXEL, ALONE);
 pub static PATH_SHADE_BY_OCTREE: Step = shading!("path/shade_by_octree", PIXEL, OCTREE, BY_OCTREE);
 
 /// The same, asking records of irradiance, and the octree where none counts.
-pub static PATH_SHADE_BY_RECORDS: Step = shading!("path/shade_by_records", PIXEL, OCTREE, BY_RECORDS);
+pub static PATH_SHADE_BY_RECORDS: Step =
+    shading!("path/shade_by_records", PIXEL, OCTREE, FACING, WEIGH, BY_RECORDS);
 
 /// Swaps the queues of paths and says how much there is to do.
 pub static PATH_TURN: Step = Step {
@@ -135,5 +138,6 @@ pub static PLANES: Raster = Raster {
     name: "path/planes",
     vertex: "corner",
     fragment: "seen",
+    overlap: Overlap::Nearest,
     parts: &[&NUMBERS, &SCENE, &TREE, &PLANES_ENTRIES],
 };

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-use crate::{Constant, PROOF_CONSTANTS, RASTERS, STEPS};
+use crate::{Constant, Overlap, PROOF_CONSTANTS, RASTERS, STEPS};
 
 /// The module that a source makes on every device: parsed, and validated without optional capabilities.
 fn module_of(name: &str, source: &str) -> naga::Module {
@@ -39,6 +39,15 @@ fn everything_drawn_is_valid_on_every_device() {
         assert_eq!(entry_points_of(&module), [raster.vertex, raster.fragment], "{}", raster.name);
         let stages: Vec<_> = module.entry_points.iter().map(|entry| entry.stage).collect();
         assert_eq!(stages, [naga::ShaderStage::Vertex, naga::ShaderStage::Fragment], "{}", raster.name);
+        let kind = match raster.overlap {
+            Overlap::Nearest => naga::ScalarKind::Uint,
+            Overlap::Sum => naga::ScalarKind::Float,
+        };
+        let result = module.entry_points[1].function.result.as_ref().map(|result| result.ty);
+        let shown = result.map(|ty| module.types[ty].inner.clone());
+        let scalar = naga::Scalar { kind, width: 4 };
+        let four = naga::TypeInner::Vector { size: naga::VectorSize::Quad, scalar };
+        assert_eq!(shown, Some(four), "{}", raster.name);
     }
 }
 

@@ -1,22 +1,44 @@
 //! Triangles drawn: a vertex and a fragment shader compiled, what they draw on, and draws recorded.
+//!
+//! A pixel shows the nearest triangle, or the sum of all: [`Overlap`] of a [`Raster`] and of its [`Target`] say which.
 
 use std::{
+    ops::Range,
     sync::{Arc, atomic::Ordering},
     time::Instant,
 };
 
-use lumicast_shaders::{Constant, Raster};
+use lumicast_shaders::{Constant, Overlap, Raster};
 
 use super::{
-    Batch, BindGroup, Binding, GpuError, Layout, ReadBack, Session,
+    Batch, BindGroup, Binding, Buffer, GpuError, Layout, ReadBack, Session,
     buffer::{Held, Stages},
 };
 
-/// Words of a pixel.
+/// Words of a pixel, or floats.
 const WORDS: u32 = 4;
 const WORD_BYTES: u32 = WORDS * 4;
+/// What all bits of a word are where nothing is drawn.
+const NOTHING: f64 = u32::MAX as f64;
+/// Of two triangles.
+const QUAD_VERTICES: u32 = 6;
 /// Of a pixel's nearness, beside its words.
 const NEARNESS_BYTES: u64 = 4;
+
+fn format_of(overlap: Overlap) -> wgpu::TextureFormat {
+    match overlap {
+        Overlap::Nearest => wgpu::TextureFormat::Rgba32Uint,
+        // Halves would lose what few records say beside many.
+        Overlap::Sum => wgpu::TextureFormat::Rgba32Float,
+    }
+}
+
+/// What is drawn onto a target that shows sums.
+const ADDED: wgpu::BlendComponent = wgpu::BlendComponent {
+    src_factor: wgpu::BlendFactor::One,
+    dst_factor: wgpu::BlendFactor::One,
+    operation: wgpu::BlendOperation::Add,
+};
 
 /// Compiled shaders that draw.
 #[derive(Debug)]
@@ -25,13 +47,14 @@ pub struct RasterPipeline {
     generation: u64,
 }
 
-/// A picture of four words a pixel, in which what is nearest shows.
+/// A picture of four words a pixel, in which what is nearest shows, or of four floats, in which all that is drawn adds up.
 #[derive(Debug)]
 pub struct Target {
     name: String,
     words: wgpu::Texture,
     words_view: wgpu::TextureView,
-    nearness_view: wgpu::TextureView,
+    /// `None`: pixels are sums.
+    nearness_view: Option<wgpu::TextureView>,
     size: [u32; 2],
     generation: u64,
     _held: Held,
@@ -41,8 +64,23 @@ impl Target {
     /// Columns come in multiples of this: copies take whole rows of so many bytes alone.
     pub const WIDTH_STEP: u32 = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT / WORD_BYTES;
 
-    fn byte_count(&self) -> u64 {
+    /// Columns and rows.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Bytes of all its pixels, row by row, as they are copied.
+    pub fn byte_count(&self) -> u64 {
         u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(WORD_BYTES)
+    }
+
+    fn copied_to<'a>(&self, buffer: &'a wgpu::Buffer) -> wgpu::TexelCopyBufferInfo<'a> {
+        let layout = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(self.size[0] * WORD_BYTES),
+            rows_per_image: None,
+        };
+        wgpu::TexelCopyBufferInfo { buffer, layout }
     }
 }
 
@@ -59,10 +97,31 @@ pub struct Draw {
     pub number: u32,
 }
 
+/// Quads that add to a target's sums.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Quads {
+    /// Columns and rows that they lie on, from the target's first on.
+    pub size: [u32; 2],
+    /// What the vertex shader knows each by, six vertices a quad.
+    pub numbers: Range<u32>,
+    /// Whether the sums begin anew.
+    pub begins: SumsBegin,
+}
+
+/// What is there before something is added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SumsBegin {
+    /// Nothing.
+    AtZero,
+    /// What was added before.
+    AsTheyAre,
+}
+
 impl Session {
     /// Shaders compiled with these constants for these groups, which are of [`Session::raster_layout`].
     ///
-    /// Errors: [`GpuError::Shader`], [`GpuError::Lost`], [`GpuError::Failed`].
+    /// Errors: [`GpuError::Shader`], [`GpuError::Lost`], [`GpuError::Failed`]; [`GpuError::Insufficient`] where it is sums that are drawn
+    /// and the adapter cannot add up floats of 32 bits.
     pub fn raster_pipeline(
         &self,
         raster: &Raster,
@@ -72,6 +131,9 @@ impl Session {
         self.check()?;
         for layout in layouts {
             self.own(layout.generation)?;
+        }
+        if raster.overlap == Overlap::Sum {
+            check_sums(&self.report().name, self.device.features())?;
         }
         let started = Instant::now();
         let compiled = self.compile_raster(raster, constants, layouts);
@@ -86,6 +148,19 @@ impl Session {
         layouts: &[&Layout],
     ) -> Result<wgpu::RenderPipeline, GpuError> {
         let source = raster.source(constants);
+        let is_sum = raster.overlap == Overlap::Sum;
+        let nearest = wgpu::DepthStencilState {
+            format: wgpu::TextureFormat::Depth32Float,
+            depth_write_enabled: Some(true),
+            depth_compare: Some(wgpu::CompareFunction::Greater),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        };
+        let shown = wgpu::ColorTargetState {
+            format: format_of(raster.overlap),
+            blend: is_sum.then_some(wgpu::BlendState { color: ADDED, alpha: ADDED }),
+            write_mask: wgpu::ColorWrites::ALL,
+        };
         self.checked(
             || {
                 let (module, layout) = self.module_and_layout(raster.name, source, layouts);
@@ -100,19 +175,13 @@ impl Session {
                     },
                     // Both sides show, as rays see them.
                     primitive: wgpu::PrimitiveState::default(),
-                    depth_stencil: Some(wgpu::DepthStencilState {
-                        format: wgpu::TextureFormat::Depth32Float,
-                        depth_write_enabled: Some(true),
-                        depth_compare: Some(wgpu::CompareFunction::Greater),
-                        stencil: wgpu::StencilState::default(),
-                        bias: wgpu::DepthBiasState::default(),
-                    }),
+                    depth_stencil: (!is_sum).then_some(nearest),
                     multisample: wgpu::MultisampleState::default(),
                     fragment: Some(wgpu::FragmentState {
                         module: &module,
                         entry_point: Some(raster.fragment),
                         compilation_options: wgpu::PipelineCompilationOptions::default(),
-                        targets: &[Some(wgpu::TextureFormat::Rgba32Uint.into())],
+                        targets: &[Some(shown)],
                     }),
                     multiview_mask: None,
                     cache: None,
@@ -129,14 +198,15 @@ impl Session {
         self.layout_for(Stages::Raster, bindings)
     }
 
-    /// A target of so many columns, a multiple of [`Target::WIDTH_STEP`], and rows.
+    /// A target of so many columns, a multiple of [`Target::WIDTH_STEP`], and rows, for rasters that overlap so.
     ///
     /// Errors: [`GpuError::OutOfMemory`], also where the adapter knows no pictures as large; [`GpuError::Lost`],
     /// [`GpuError::Failed`].
-    pub fn target(&self, name: &str, size: [u32; 2]) -> Result<Target, GpuError> {
+    pub fn target(&self, name: &str, size: [u32; 2], overlap: Overlap) -> Result<Target, GpuError> {
         let [width, height] = size;
+        let nearness_bytes = if overlap == Overlap::Nearest { NEARNESS_BYTES } else { 0 };
         let bytes_of = |width: u32, height: u32| {
-            u64::from(width) * u64::from(height) * (u64::from(WORD_BYTES) + NEARNESS_BYTES)
+            u64::from(width) * u64::from(height) * (u64::from(WORD_BYTES) + nearness_bytes)
         };
         let byte_count = bytes_of(width, height);
         let refused = |bytes_allowed: u64, limit: &'static str| GpuError::OutOfMemory {
@@ -166,23 +236,33 @@ impl Session {
                 view_formats: &[],
             })
         };
-        let [words, nearness] = self.checked(
+        let (words, nearness) = self.checked(
             || {
-                [
-                    texture(wgpu::TextureFormat::Rgba32Uint, wgpu::TextureUsages::COPY_SRC),
-                    texture(wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::empty()),
-                ]
+                let nearness = || texture(wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::empty());
+                (
+                    texture(format_of(overlap), wgpu::TextureUsages::COPY_SRC),
+                    (overlap == Overlap::Nearest).then(nearness),
+                )
             },
             |error| match error {
                 wgpu::Error::OutOfMemory { .. } => refused(0, "the adapter's memory"),
                 error => GpuError::Failed { what: format!("target {name:?}: {error}") },
             },
         )?;
-        let [words_view, nearness_view] =
-            [&words, &nearness].map(|texture| texture.create_view(&wgpu::TextureViewDescriptor::default()));
+        let view_of = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
+        let (words_view, nearness_view) = (view_of(&words), nearness.as_ref().map(view_of));
         let generation = self.generation();
         Ok(Target { name: name.into(), words, words_view, nearness_view, size, generation, _held: held })
     }
+}
+
+/// Errors where floats of 32 bits are not added up by an adapter with these features.
+fn check_sums(adapter: &str, features: wgpu::Features) -> Result<(), GpuError> {
+    if features.contains(wgpu::Features::FLOAT32_BLENDABLE) {
+        return Ok(());
+    }
+    let limit = "kinds of pictures whose floats of 32 bits add up";
+    Err(GpuError::Insufficient { adapter: adapter.to_string(), limit, found: 0, needed: 1 })
 }
 
 fn extent_of([width, height]: [u32; 2]) -> wgpu::Extent3d {
@@ -200,45 +280,94 @@ impl Batch {
         target: &Target,
         draws: &[Draw],
     ) -> Result<(), GpuError> {
-        let session = self.session();
-        session.own(pipeline.generation)?;
-        session.own(target.generation)?;
-        for group in groups {
-            session.own(group.generation)?;
-        }
-        let encoder = self.encoder();
-        let nothing = f64::from(u32::MAX);
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some(&target.name),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &target.words_view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color { r: nothing, g: nothing, b: nothing, a: nothing }),
-                    store: wgpu::StoreOp::Store,
-                },
-            })],
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: &target.nearness_view,
-                depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(0.0),
-                    store: wgpu::StoreOp::Discard,
-                }),
-                stencil_ops: None,
-            }),
-            ..wgpu::RenderPassDescriptor::default()
-        });
-        pass.set_pipeline(&pipeline.pipeline);
-        for (index, group) in (0..).zip(groups) {
-            pass.set_bind_group(index, &group.group, &[]);
-        }
+        self.own_all(pipeline, groups, target)?;
+        let load = wgpu::LoadOp::Clear(wgpu::Color { r: NOTHING, g: NOTHING, b: NOTHING, a: NOTHING });
+        let mut pass = self.raster_pass(pipeline, groups, target, load);
         for Draw { corner: [left, top], size: [width, height], vertex_count, number } in draws.iter().copied()
         {
             pass.set_viewport(left as f32, top as f32, width as f32, height as f32, 0.0, 1.0);
             pass.set_scissor_rect(left, top, width, height);
             pass.draw(0..vertex_count, number..number + 1);
         }
+        Ok(())
+    }
+
+    /// Adds quads to a target's sums.
+    ///
+    /// Errors: as [`Batch::dispatch`].
+    pub fn add(
+        &mut self,
+        pipeline: &RasterPipeline,
+        groups: &[&BindGroup],
+        target: &Target,
+        Quads { size: [width, height], numbers, begins }: Quads,
+    ) -> Result<(), GpuError> {
+        self.own_all(pipeline, groups, target)?;
+        let load = match begins {
+            SumsBegin::AtZero => wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT),
+            SumsBegin::AsTheyAre => wgpu::LoadOp::Load,
+        };
+        let mut pass = self.raster_pass(pipeline, groups, target, load);
+        pass.set_viewport(0.0, 0.0, width as f32, height as f32, 0.0, 1.0);
+        pass.set_scissor_rect(0, 0, width, height);
+        pass.draw(0..QUAD_VERTICES, numbers);
+        Ok(())
+    }
+
+    fn own_all(
+        &self,
+        pipeline: &RasterPipeline,
+        groups: &[&BindGroup],
+        target: &Target,
+    ) -> Result<(), GpuError> {
+        let session = self.session();
+        session.own(pipeline.generation)?;
+        session.own(target.generation)?;
+        groups.iter().try_for_each(|group| session.own(group.generation))
+    }
+
+    fn raster_pass(
+        &mut self,
+        pipeline: &RasterPipeline,
+        groups: &[&BindGroup],
+        target: &Target,
+        load: wgpu::LoadOp<wgpu::Color>,
+    ) -> wgpu::RenderPass<'_> {
+        let nearness = target.nearness_view.as_ref().map(|view| wgpu::RenderPassDepthStencilAttachment {
+            view,
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(0.0),
+                store: wgpu::StoreOp::Discard,
+            }),
+            stencil_ops: None,
+        });
+        let mut pass = self.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some(&target.name),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &target.words_view,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+            })],
+            depth_stencil_attachment: nearness,
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        pass.set_pipeline(&pipeline.pipeline);
+        for (index, group) in (0..).zip(groups) {
+            pass.set_bind_group(index, &group.group, &[]);
+        }
+        pass
+    }
+
+    /// Copies a target's words, row by row, to the beginning of a buffer.
+    ///
+    /// Errors: as [`Batch::dispatch`].
+    pub fn copy_target(&mut self, target: &Target, to: &Buffer) -> Result<(), GpuError> {
+        self.session().own(target.generation)?;
+        self.session().own(to.generation())?;
+        let copied_to = target.copied_to(&to.buffer);
+        let size = extent_of(target.size);
+        self.encoder().copy_texture_to_buffer(target.words.as_image_copy(), copied_to, size);
         Ok(())
     }
 
@@ -249,13 +378,21 @@ impl Batch {
         let byte_count = target.byte_count();
         self.session().own(target.generation)?;
         self.stage_by(&target.name, byte_count, |encoder, staged| {
-            let layout = wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(target.size[0] * WORD_BYTES),
-                rows_per_image: None,
-            };
-            let to = wgpu::TexelCopyBufferInfo { buffer: staged, layout };
+            let to = target.copied_to(staged);
             encoder.copy_texture_to_buffer(target.words.as_image_copy(), to, extent_of(target.size));
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where an adapter cannot add up floats, what is drawn so says so, and names the adapter.
+    #[test]
+    fn adapters_without_sums_are_refused_by_name() {
+        assert_eq!(check_sums("any", wgpu::Features::FLOAT32_BLENDABLE), Ok(()));
+        let refused = check_sums("old card", wgpu::Features::empty()).unwrap_err().to_string();
+        assert!(refused.contains("\"old card\" has 0 kinds of pictures"), "{refused}");
     }
 }

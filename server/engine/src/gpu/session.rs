@@ -115,15 +115,14 @@ pub struct Session {
 impl Session {
     fn open(options: &GpuOptions, generation: u64) -> Result<Session, GpuError> {
         let Chosen { adapter, report } = adapter::choose(options.adapter)?;
-        let has_clock = adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        // What some adapters have, and nothing needs that all are to run.
+        let wanted = wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::FLOAT32_BLENDABLE;
+        let features = adapter.features() & wanted;
+        let has_clock = features.contains(wgpu::Features::TIMESTAMP_QUERY);
         let limits = adapter.limits();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("lumicast"),
-            required_features: if has_clock {
-                wgpu::Features::TIMESTAMP_QUERY
-            } else {
-                wgpu::Features::empty()
-            },
+            required_features: features,
             // All that the adapter has: WebGPU's defaults end at 8 storage buffers of 128 MiB.
             required_limits: limits.clone(),
             experimental_features: wgpu::ExperimentalFeatures::disabled(),

@@ -163,6 +163,24 @@ impl IrradianceCache {
         }
     }
 
+    /// The same with rougher records that answer after these.
+    #[cfg(test)]
+    pub(crate) fn before(self, rougher: IrradianceCache) -> IrradianceCache {
+        IrradianceCache { rougher: Some(Arc::new(rougher)), ..self }
+    }
+
+    /// These and rougher ones, in the order in which they answer.
+    #[cfg(test)]
+    pub(crate) fn in_order(&self) -> Vec<&IrradianceCache> {
+        std::iter::successors(Some(self), |cache| cache.rougher.as_deref()).collect()
+    }
+
+    /// How its records are weighed.
+    #[cfg(test)]
+    pub(crate) fn weighing(&self) -> &Weighing {
+        &self.settings.weighing
+    }
+
     /// Irradiance where records count, these or rougher ones.
     fn any_irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
         self.irradiance(p, facing).or_else(|| self.rougher.as_ref()?.any_irradiance(p, facing))

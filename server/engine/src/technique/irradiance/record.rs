@@ -87,6 +87,26 @@ pub(super) const SAME_SURFACE_COS: f32 = 0.5;
 pub(super) const BEHIND: f32 = 0.05;
 
 impl Record {
+    /// On a surface that nothing stands up around, and that receives nothing.
+    #[cfg(test)]
+    pub(crate) fn dark_in_the_open(
+        position: Vec3,
+        Facing { normal, n_geo }: Facing,
+        radius_m: f32,
+    ) -> Record {
+        Record {
+            position,
+            normal,
+            n_geo,
+            irradiance: Rgb::BLACK,
+            radius_m,
+            reach_min_m: 0.0,
+            turning: [Vec3::ZERO; 3],
+            moving: [Vec3::ZERO; 3],
+            horizon: Horizon::OPEN,
+        }
+    }
+
     /// Farthest distance at which it counts, m.
     pub fn reach_m(&self, accuracy: f32) -> f32 {
         (accuracy * self.radius_m).max(self.reach_min_m)

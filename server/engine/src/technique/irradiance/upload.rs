@@ -36,7 +36,8 @@ impl IrradianceCache {
             if self.base.as_ref().is_some_and(|base| base.has_caustics()) { HAS_CAUSTICS } else { 0 };
         let mut words = vec![caches.len() as u32, has_base | has_caustics];
         words.resize(CACHES_AT + CACHE_WORDS * caches.len(), 0);
-        let mut records = Vec::with_capacity(caches.iter().map(|cache| cache.records.len()).sum());
+        let counts: Vec<u32> = caches.iter().map(|cache| cache.records.len() as u32).collect();
+        let mut records = Vec::with_capacity(counts.iter().sum::<u32>() as usize);
         for (number, cache) in caches.into_iter().enumerate() {
             let weighing = &cache.settings.weighing;
             let [levels_at, levels_end, table_at, table_mask] =
@@ -52,7 +53,7 @@ impl IrradianceCache {
             words[CACHES_AT + CACHE_WORDS * number..][..CACHE_WORDS].copy_from_slice(&header);
             records.par_extend(cache.records.par_iter().map(|record| packed(record, weighing)));
         }
-        PackedRecords { records, words }
+        PackedRecords { records, counts, words }
     }
 }
 

@@ -19,6 +19,7 @@ mod lookouts;
 mod photons;
 mod scene;
 mod slices;
+mod splats;
 mod step_clock;
 #[cfg(test)]
 mod tests;
@@ -34,6 +35,7 @@ pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
 pub use photons::GpuPhotons;
 pub use scene::GpuScene;
+pub use splats::Splatted;
 pub use step_clock::StepSeconds;
 
 use self::{

@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// Added around the pixels of spheres, px: far more than rounding takes a point out of its pixel.
-const SPHERE_SLACK_PX: f32 = 0.05;
+pub(super) const SPHERE_SLACK_PX: f32 = 0.05;
 
 /// A camera with a picture size, in render space.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -133,6 +133,8 @@ pub struct GpuRecord {
 pub struct PackedRecords {
     /// Of the finest cache, then of rougher ones.
     pub records: Vec<GpuRecord>,
+    /// How many of each cache.
+    pub counts: Vec<u32>,
     /// How many caches there are; what answers after them; what says where the records of each cache are, and those words.
     pub words: Vec<u32>,
 }

@@ -68,6 +68,7 @@ fn tables_name_what_indices_name() {
         let cache = IrradianceCache { rougher: Some(Arc::clone(&rougher)), ..cache_of(300, scale * 0.1) };
         let packed = cache.pack_records();
         assert_eq!((packed.words[0], packed.records.len()), (2, 340));
+        assert_eq!(packed.counts, [300, 40]);
         for number in 0..2_000 {
             let [x, y, z, _] = point(73, number);
             let p = (Vec3::new(x, y, z) - 0.5) * 24.0;

@@ -98,6 +98,14 @@ impl<T: ?Sized> Name<T> {
         }
     }
 
+    /// Both name one light.
+    fn is_as(&self, other: &Name<T>) -> bool {
+        match (&self.0, &other.0) {
+            (Some(own), Some(other)) => std::ptr::addr_eq(own.as_ptr(), other.as_ptr()),
+            (own, other) => own.is_none() && other.is_none(),
+        }
+    }
+
     /// Nobody has it any more.
     fn is_gone(&self) -> bool {
         self.0.as_ref().is_some_and(|own| own.strong_count() == 0)
@@ -185,12 +193,23 @@ impl Cells {
     }
 }
 
-/// Records, and words that say where they are.
-fn records_of(session: &Session, packed: &PackedRecords) -> Result<[Buffer; 2], GpuError> {
-    Ok([
-        session.buffer_of("records", &packed.records)?,
-        session.buffer_of("words of records", &packed.words)?,
-    ])
+/// Records of some light.
+#[derive(Debug)]
+pub(super) struct RecordsOnCard {
+    /// Themselves, and words that say where they are.
+    pub(super) buffers: [Buffer; 2],
+    /// How many of each cache, which lie one after the other, the finest first.
+    pub(super) counts: Vec<u32>,
+}
+
+impl RecordsOnCard {
+    fn new(session: &Session, packed: &PackedRecords) -> Result<RecordsOnCard, GpuError> {
+        let buffers = [
+            session.buffer_of("records", &packed.records)?,
+            session.buffer_of("words of records", &packed.words)?,
+        ];
+        Ok(RecordsOnCard { buffers, counts: packed.counts.clone() })
+    }
 }
 
 /// Photons, and words that say where they are.
@@ -207,7 +226,7 @@ struct Light {
     known: Name<dyn SecondaryLight>,
     cells: Arc<Cells>,
     /// `None`: it has none.
-    records: Option<[Buffer; 2]>,
+    records: Option<RecordsOnCard>,
 }
 
 /// Photons of a pass.
@@ -225,7 +244,7 @@ pub(super) struct KnownOnCard {
     focused: Vec<Focused>,
     /// What stands for cells, records and photons where there are none.
     no_cells: Cells,
-    no_records: [Buffer; 2],
+    no_records: RecordsOnCard,
     no_photons: [Buffer; 2],
     pub(super) layout: Arc<Layout>,
     /// What shaders see.
@@ -239,7 +258,8 @@ impl KnownOnCard {
     /// No light at all.
     pub(super) fn nothing(session: &Session) -> Result<KnownOnCard, GpuError> {
         let no_cells = Cells::new(session, None, &cells_of(None)?)?;
-        let no_records = records_of(session, &PackedRecords { records: Vec::new(), words: Vec::new() })?;
+        let nothing = PackedRecords { records: Vec::new(), counts: Vec::new(), words: Vec::new() };
+        let no_records = RecordsOnCard::new(session, &nothing)?;
         let no_photons = photons_of(session, &PackedPhotons { photons: Vec::new(), words: Vec::new() })?;
         // The same for all that is asked: what a shader does not read it may have.
         let [uniform, read] = [Binding::Uniform, Binding::Read];
@@ -309,6 +329,18 @@ impl KnownOnCard {
         self.lights.retain(|light| !light.known.is_gone());
         self.focused.retain(|focused| !focused.light.is_gone());
         Ok(self.shading)
+    }
+
+    /// Records of the light that is there for who asks; `None` where it has none.
+    pub(super) fn records(&self) -> Option<&RecordsOnCard> {
+        self.lights.iter().find(|light| light.known.is_as(&self.bound.0))?.records.as_ref()
+    }
+
+    /// Lets go of all light but that which is there for who asks.
+    pub(super) fn forget_others(&mut self) {
+        let KnownOnCard { lights, focused, bound, .. } = self;
+        lights.retain(|light| light.known.is_as(&bound.0));
+        focused.retain(|focused| focused.light.is_as(&bound.1));
     }
 
     /// Lets go of all light.
@@ -387,7 +419,7 @@ impl KnownOnCard {
         if known.has_records() && packed.is_none() {
             return Err(unpacked());
         }
-        let records = packed.map(|packed| records_of(session, packed)).transpose()?;
+        let records = packed.map(|packed| RecordsOnCard::new(session, packed)).transpose()?;
         self.lights.push(Light { known: Name::of(Some(known)), cells, records });
         Ok(self.lights.len() - 1)
     }
@@ -418,9 +450,9 @@ fn bind(
     session: &Session,
     layout: &Layout,
     cells: &Cells,
-    records: &[Buffer; 2],
+    records: &RecordsOnCard,
     photons: &[Buffer; 2],
 ) -> Result<BindGroup, GpuError> {
-    let buffers: Vec<&Buffer> = cells.buffers.iter().chain(records).chain(photons).collect();
+    let buffers: Vec<&Buffer> = cells.buffers.iter().chain(&records.buffers).chain(photons).collect();
     session.bind(layout, &buffers)
 }

@@ -19,9 +19,12 @@ use super::{
     scene::{GpuScene, GpuWorld, Ready},
 };
 use crate::{
-    accel::{Hit, Ray},
-    gpu::{BindGroup, Binding, Draw, GpuError, GpuTrees, Layout, RasterPipeline, Session, Target},
-    technique::Lookout,
+    accel::{Hit, Ray, TriangleId},
+    gpu::{
+        Batch, BindGroup, Binding, Buffer, Draw, GpuError, GpuTrees, Layout, Overlap, RasterPipeline,
+        Session, Target,
+    },
+    technique::{Lookout, View},
     transport::World,
 };
 
@@ -177,6 +180,29 @@ impl Ready {
     }
 
     fn draw_in_room(&mut self, world: &World, looks: &[Look<'_>], sheet: Sheet) -> Result<Drawn, GpuError> {
+        let target = self.target_of(looks.len(), sheet)?;
+        let start = Instant::now();
+        let mut batch = self.session.batch("what places see")?;
+        let _named = self.record(world, looks, sheet, &target, &mut batch)?;
+        let words = batch.read_back_target(&target)?;
+        batch.submit()?;
+        let columns = target.size()[0];
+        Ok(Drawn { words: words.collect()?, columns, seconds: start.elapsed().as_secs_f64() })
+    }
+
+    fn target_of(&self, count: usize, sheet: Sheet) -> Result<Target, GpuError> {
+        self.session.target("what places see", sheet.target_size(count), Overlap::Nearest)
+    }
+
+    /// Records in a batch what draws them onto a target; returns what has to live until the batch is done.
+    fn record(
+        &mut self,
+        world: &World,
+        looks: &[Look<'_>],
+        sheet: Sheet,
+        target: &Target,
+        batch: &mut Batch,
+    ) -> Result<[Buffer; 2], GpuError> {
         let session = &self.session;
         let compiled = session.shader_seconds();
         let drawing = match &mut self.lookouts {
@@ -184,9 +210,6 @@ impl Ready {
             nothing => nothing.insert(Lookouts::new(session, &self.world)?),
         };
         self.shader_seconds += session.shader_seconds() - compiled;
-        let size = sheet.target_size(looks.len());
-        let target = session.target("what places see", size)?;
-        let start = Instant::now();
         let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
         let planes: Vec<GpuPlane> = looks.iter().map(|look| GpuPlane::new(look.lookout, nearest_m)).collect();
         let (mut names, mut draws): (Vec<[u32; 2]>, Vec<Draw>) = Default::default();
@@ -201,11 +224,22 @@ impl Ready {
         let planes = session.buffer_of("planes", &planes)?;
         let names = session.buffer_of("draws", &names)?;
         let group = session.bind(&drawing.layout, &[&planes, &names])?;
-        let mut batch = session.batch("what places see")?;
-        batch.draw(&drawing.pipeline, &[&drawing.trees, &drawing.scene, &group], &target, &draws)?;
-        let words = batch.read_back_target(&target)?;
-        batch.submit()?;
-        Ok(Drawn { words: words.collect()?, columns: size[0], seconds: start.elapsed().as_secs_f64() })
+        batch.draw(&drawing.pipeline, &[&drawing.trees, &drawing.scene, &group], target, &draws)?;
+        Ok([planes, names])
+    }
+
+    /// Records in a batch what draws a picture, by itself on a target; returns that, and what has to live until the batch is done.
+    pub(super) fn record_picture(
+        &mut self,
+        world: &World,
+        view: &View,
+        batch: &mut Batch,
+    ) -> Result<(Target, [Buffer; 2]), GpuError> {
+        let lookout = Lookout { view: *view, left: TriangleId::NONE };
+        let sheet = Sheet::of([view.size().width(), view.size().height()], 1);
+        let target = self.target_of(1, sheet)?;
+        let named = self.record(world, &[Look::of(world, &lookout)], sheet, &target, batch)?;
+        Ok((target, named))
     }
 }
 
@@ -318,7 +352,7 @@ pub(super) fn meet(ray: &Ray, corners: [Vec3; 3]) -> Option<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{accel::TriangleId, film::PictureSize, scene::samples, technique::View};
+    use crate::{film::PictureSize, scene::samples};
     use std::sync::Arc;
 
     /// A batch takes no more than it may, but for one alone; cheap ones before dear ones do not make it grow.

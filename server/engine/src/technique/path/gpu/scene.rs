@@ -8,6 +8,7 @@ use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
     lookouts::Lookouts,
+    splats::Splatting,
     tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
 };
 use crate::{
@@ -142,6 +143,8 @@ pub(super) struct Ready {
     pub(super) known: KnownOnCard,
     /// What is drawn, once that was asked for.
     pub(super) lookouts: Option<Lookouts>,
+    /// What splats, the same.
+    pub(super) splatting: Option<Splatting>,
     /// Of each instance.
     pub(super) triangle_counts: Vec<u32>,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
@@ -158,6 +161,7 @@ impl Ready {
             paths: Default::default(),
             known,
             lookouts: None,
+            splatting: None,
             triangle_counts: packed.triangle_counts.clone(),
             shader_seconds: 0.0,
         })
@@ -206,7 +210,7 @@ impl Ready {
     }
 }
 
-fn unprepared() -> GpuError {
+pub(super) fn unprepared() -> GpuError {
     GpuError::Failed { what: "paths were not prepared".into() }
 }
 
@@ -325,19 +329,8 @@ impl GpuScene {
         work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
-        let mut packed = PackedBeside::default();
-        let mut held = loop {
-            let mut held = self.ready()?;
-            // First, since light may have to go for it.
-            self.run(&mut held, |ready| ready.make_room(from, capacity))?;
-            let lacking =
-                held.as_ref().map_or_else(Lacking::default, |ready| ready.known.lacking(light, &packed));
-            if lacking == Lacking::default() {
-                break held;
-            }
-            drop(held);
-            packed.pack(light, lacking)?;
-        };
+        // Room first, since light may have to go for it.
+        let (mut held, packed) = self.packed_for(light, |ready| ready.make_room(from, capacity))?;
         self.run(&mut held, |ready| {
             let shading = ready.known.bring(&ready.session, light, &packed)?;
             let traced = ready.prepare(from, shading).and_then(|()| work(ready.tracing(from, shading)?));
@@ -349,6 +342,28 @@ impl GpuScene {
                 traced => traced,
             }
         })
+    }
+
+    /// What is on a device that works, and light as far as it is to be brought there.
+    ///
+    /// - `first`: done before, as often as it takes
+    pub(super) fn packed_for(
+        &self,
+        light: LightBeside<'_>,
+        first: impl Fn(&mut Ready) -> Result<(), GpuError>,
+    ) -> Result<(MutexGuard<'_, Option<Ready>>, PackedBeside), GpuError> {
+        let mut packed = PackedBeside::default();
+        loop {
+            let mut held = self.ready()?;
+            self.run(&mut held, &first)?;
+            let lacking =
+                held.as_ref().map_or_else(Lacking::default, |ready| ready.known.lacking(light, &packed));
+            if lacking == Lacking::default() {
+                return Ok((held, packed));
+            }
+            drop(held);
+            packed.pack(light, lacking)?;
+        }
     }
 
     /// What is on a device that works: never `None`.

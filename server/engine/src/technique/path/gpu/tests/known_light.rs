@@ -144,6 +144,12 @@ fn asking_begins_and_ends_on_a_card() {
 ///
 /// - `has_base`: the octree answers where none counts
 pub(super) fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
+    let (shot, caching) = gathered(scene, steps, has_base);
+    Shot { known: Some(caching.snapshot()), ..shot }
+}
+
+/// The same, as they were gathered.
+pub(super) fn gathered(scene: Scene, steps: usize, has_base: bool) -> (Shot, IrradianceCaching) {
     let shot = with_known(scene, None);
     let octree = shot.known.clone().unwrap();
     let settings = IrradianceSettings {
@@ -163,12 +169,12 @@ pub(super) fn with_records(scene: Scene, steps: usize, has_base: bool) -> Shot {
     }
     assert!(caching.is_complete() || steps < ALL_STEPS);
     assert!(!caching.cache().records().is_empty());
-    Shot { known: Some(caching.snapshot()), ..shot }
+    (shot, caching)
 }
 
 pub(super) const ALL_STEPS: usize = 3_000;
 /// Steps after which records of several rounds answer one after the other.
-const SOME_STEPS: usize = 12;
+pub(super) const SOME_STEPS: usize = 12;
 
 /// Records bring the same, pixel by pixel: those of one cache and of several, at walls, in glosses and mirrors, and the octree where
 /// none counts.

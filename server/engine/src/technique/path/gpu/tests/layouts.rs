@@ -1,14 +1,16 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
 use lumicast_shaders::{
-    GATHER_BEGIN, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES,
-    PROOF_CONSTANTS,
+    GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT, PATH_SHADE, PATH_SHADE_BY_OCTREE,
+    PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
 };
 
 use super::{
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
+    super::splats::{GpuPicture, GpuSeenPoint},
     gather::{GpuGatherRay, GpuRaySample},
+    splats::{SEES_DIFFUSE, SEES_NOTHING, SEES_OTHER},
     *,
 };
 use crate::{
@@ -40,6 +42,45 @@ fn planes_lie_alike_in_rust_and_wgsl() {
             padding_2,
         }
     );
+}
+
+/// So do pictures that records are splatted onto.
+#[test]
+fn pictures_of_records_lie_alike_in_rust_and_wgsl() {
+    let steps = [&IRRADIANCE_SEEN, &IRRADIANCE_RESOLVE].map(|step| step.source(PROOF_CONSTANTS));
+    for source in steps.into_iter().chain([IRRADIANCE_SPLAT.source(PROOF_CONSTANTS)]) {
+        assert_same_layout!(
+            &source,
+            "Picture",
+            GpuPicture {
+                origin,
+                half_width,
+                right,
+                half_height,
+                up,
+                width,
+                back,
+                height,
+                row,
+                cache,
+                padding_0,
+                padding_1,
+            }
+        );
+        assert_same_layout!(
+            &source,
+            "SeenPoint",
+            GpuSeenPoint { position, sees, normal, padding_0, n_geo, padding_1 }
+        );
+        let numbers = numbers_of(&source);
+        for (name, number) in
+            [("SEES_NOTHING", SEES_NOTHING), ("SEES_OTHER", SEES_OTHER), ("SEES_DIFFUSE", SEES_DIFFUSE)]
+        {
+            assert_eq!(numbers[name], f64::from(number), "{name}");
+        }
+    }
+    let numbers = numbers_of(&IRRADIANCE_SPLAT.source(PROOF_CONSTANTS));
+    assert_eq!(numbers["SPHERE_SLACK_PX"], f64::from(crate::technique::path::view::SPHERE_SLACK_PX));
 }
 
 /// The scene's structs lie in WGSL as in Rust.

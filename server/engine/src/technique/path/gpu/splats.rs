@@ -1,0 +1,390 @@
+//! Records of irradiance splatted onto a picture on a card, and the pixels that lack one: the twin of `technique/irradiance/splat.rs`.
+//!
+//! [Gautron2008, 8.3] in steps (`shaders/irradiance`). What the middles of pixels see is rasterised as for `lookouts.rs`; `seen` makes
+//! points of it. Records are drawn as quads over the pixels in which the spheres of their reach show, and add up there: weight times
+//! irradiance, and weight. `resolve` divides, and appends the pixels that see a diffuse surface and that no record of the finest cache
+//! covers to a list: their numbers come back, and nothing else. What finer caches have answered for is not asked of rougher ones.
+//!
+//! Sums are those of look-ups but for rounding, in the order of the records: cards blend in the order in which things are drawn.
+//!
+//! **Watchdogs**: so many records are drawn at once as take about as long as a batch may; the first ones as if each showed in every pixel.
+
+use std::{ops::Range, sync::Arc, time::Instant};
+
+use bytemuck::{Pod, Zeroable};
+use lumicast_shaders::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
+
+use super::{
+    BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
+    known::LightBeside,
+    scene::{GpuScene, GpuWorld, Ready, unprepared},
+};
+use crate::{
+    gpu::{
+        BindGroup, Binding, Buffer, GpuError, Layout, Overlap, Pipeline, Quads, RasterPipeline, Session,
+        SumsBegin, Target,
+    },
+    math::Rgb,
+    technique::{SecondaryLight, View},
+    transport::World,
+};
+
+/// Pixels that the first records drawn may cover together: a card of the last ten years weighs some 10⁹ a second.
+const COVERED_FIRST: usize = 1 << 23;
+/// Bytes of an answer: irradiance and weight.
+const ANSWER_BYTES: u64 = 16;
+/// Of the number of a pixel, and of how many there are.
+const NUMBER_BYTES: u64 = 4;
+
+/// `Picture` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct GpuPicture {
+    pub(super) origin: [f32; 3],
+    pub(super) half_width: f32,
+    pub(super) right: [f32; 3],
+    pub(super) half_height: f32,
+    pub(super) up: [f32; 3],
+    pub(super) width: u32,
+    pub(super) back: [f32; 3],
+    pub(super) height: u32,
+    pub(super) row: u32,
+    pub(super) cache: u32,
+    pub(super) padding_0: u32,
+    pub(super) padding_1: u32,
+}
+
+impl GpuPicture {
+    /// - `row`: pixels of a row of targets
+    fn new(view: &View, row: u32) -> GpuPicture {
+        GpuPicture {
+            origin: view.origin.into(),
+            half_width: view.half_size[0],
+            right: view.right.into(),
+            half_height: view.half_size[1],
+            up: view.up.into(),
+            width: view.size().width(),
+            back: view.back.into(),
+            height: view.size().height(),
+            row,
+            ..GpuPicture::zeroed()
+        }
+    }
+}
+
+/// `SeenPoint` in WGSL.
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct GpuSeenPoint {
+    pub(super) position: [f32; 3],
+    pub(super) sees: u32,
+    pub(super) normal: [f32; 3],
+    pub(super) padding_0: u32,
+    pub(super) n_geo: [f32; 3],
+    pub(super) padding_1: u32,
+}
+
+/// What splats.
+#[derive(Debug)]
+pub(super) struct Splatting {
+    seen: Arc<Pipeline>,
+    seen_layout: Arc<Layout>,
+    splat: RasterPipeline,
+    splat_layout: Arc<Layout>,
+    resolve: Arc<Pipeline>,
+    resolve_layout: Arc<Layout>,
+}
+
+impl Splatting {
+    fn new(session: &Session, world: &GpuWorld) -> Result<Splatting, GpuError> {
+        let [uniform, read, write] = [Binding::Uniform, Binding::Read, Binding::Write];
+        let splat_layout = session.raster_layout(&[uniform, read, read, read, read])?;
+        // First, since not every adapter can.
+        let splat = session.raster_pipeline(&IRRADIANCE_SPLAT, &world.constants, &[&*splat_layout])?;
+        let seen_layout = session.layout(&[uniform, read, write])?;
+        let seen_layouts = [&*world.trees_layout, &*world.layout, &*seen_layout];
+        let seen = session.pipeline(&IRRADIANCE_SEEN, &world.constants, &seen_layouts)?;
+        let resolve_layout = session.layout(&[uniform, read, read, write, write])?;
+        let resolve = session.pipeline(&IRRADIANCE_RESOLVE, &world.constants, &[&*resolve_layout])?;
+        Ok(Splatting { seen, seen_layout, splat, splat_layout, resolve, resolve_layout })
+    }
+}
+
+/// How much is drawn at once.
+#[derive(Clone, Copy)]
+struct Pace {
+    /// Pixels that the first records may cover together.
+    covered_first: usize,
+    /// Longest time that a batch is to take.
+    seconds_max: f64,
+}
+
+/// What is known of a picture's pixels, and what is done now.
+#[derive(Debug)]
+struct Pixels {
+    picture: GpuPicture,
+    header: Buffer,
+    /// Copied from targets, row by row.
+    drawn: Buffer,
+    points: Buffer,
+    answers: Buffer,
+    missing: Buffer,
+}
+
+impl Pixels {
+    /// - `target`: what is drawn onto
+    fn new(session: &Session, view: &View, row: u32, target_bytes: u64) -> Result<Pixels, GpuError> {
+        let picture = GpuPicture::new(view, row);
+        let count = view.size().pixel_count() as u64;
+        Ok(Pixels {
+            header: session.buffer_of("picture", &[picture])?,
+            picture,
+            drawn: session.buffer_zeroed("what is drawn", target_bytes)?,
+            points: session.buffer_zeroed("points seen", count * size_of::<GpuSeenPoint>() as u64)?,
+            answers: session.buffer_zeroed("irradiance in pixels", count * ANSWER_BYTES)?,
+            missing: session.buffer_zeroed("pixels without a record", (1 + count) * NUMBER_BYTES)?,
+        })
+    }
+
+    fn count(&self) -> usize {
+        self.picture.width as usize * self.picture.height as usize
+    }
+
+    /// Names the cache whose records are drawn from now on.
+    fn turn_to(&self, session: &Session, cache: u32) -> Result<(), GpuError> {
+        session.write(&self.header, 0, bytemuck::bytes_of(&GpuPicture { cache, ..self.picture }))
+    }
+}
+
+/// Records of a cache, and how many are drawn at once.
+struct Drawing<'a> {
+    splatting: &'a Splatting,
+    target: &'a Target,
+    splat_group: BindGroup,
+    resolve_group: BindGroup,
+    at_once: u32,
+    seconds_max: f64,
+}
+
+impl Ready {
+    fn prepare_splatting(&mut self) -> Result<(), GpuError> {
+        if self.splatting.is_none() {
+            let compiled = self.session.shader_seconds();
+            self.splatting = Some(Splatting::new(&self.session, &self.world)?);
+            self.shader_seconds += self.session.shader_seconds() - compiled;
+        }
+        Ok(())
+    }
+
+    /// What a picture sees.
+    fn see(&mut self, world: &World, view: &View) -> Result<Pixels, GpuError> {
+        let session = Arc::clone(&self.session);
+        let mut batch = session.batch("what a picture sees")?;
+        let (target, _named) = self.record_picture(world, view, &mut batch)?;
+        let pixels = Pixels::new(&session, view, target.size()[0], target.byte_count())?;
+        let Splatting { seen, seen_layout, .. } = self.splatting.as_ref().ok_or_else(unprepared)?;
+        let group = session.bind(seen_layout, &[&pixels.header, &pixels.drawn, &pixels.points])?;
+        batch.copy_target(&target, &pixels.drawn)?;
+        let groups = [&self.world.trees_group, &self.world.group, &group];
+        batch.dispatch(seen, &groups, seen.workgroups(pixels.count() as u64))?;
+        // Waited for: only then the target has left the card, and what is drawn next has its room.
+        batch.submit()?.wait()?;
+        Ok(pixels)
+    }
+
+    /// Splats the records of the light that is there, cache by cache.
+    fn splat(&mut self, world: &World, view: &View, pace: Pace) -> Result<Splatted, GpuError> {
+        self.prepare_splatting()?;
+        let pixels = self.see(world, view)?;
+        let session = &self.session;
+        let splatting = self.splatting.as_ref().ok_or_else(unprepared)?;
+        let records = self.known.records().ok_or_else(no_records)?;
+        let [named, words] = &records.buffers;
+        let Pixels { header, drawn, points, answers, missing, picture } = &pixels;
+        let size = [picture.row, picture.height];
+        let target = session.target("sums of records", size, Overlap::Sum)?;
+        let mut drawing = Drawing {
+            splat_group: session.bind(&splatting.splat_layout, &[header, points, answers, named, words])?,
+            resolve_group: session
+                .bind(&splatting.resolve_layout, &[header, points, drawn, answers, missing])?,
+            splatting,
+            target: &target,
+            at_once: (pace.covered_first / pixels.count()).max(1) as u32,
+            seconds_max: pace.seconds_max,
+        };
+        let mut first = 0;
+        for (cache, count) in (0..).zip(&records.counts) {
+            let end = first + count;
+            // The finest says what is missing, whatever it has.
+            if cache == 0 || *count > 0 {
+                pixels.turn_to(session, cache)?;
+                drawing.draw_cache(session, &pixels, first..end)?;
+            }
+            first = end;
+        }
+        let session = Arc::clone(session);
+        let pixel_count = view.size().pixel_count();
+        #[cfg(test)]
+        let points = pixels.points;
+        let Pixels { answers, missing, .. } = pixels;
+        Ok(Splatted {
+            session,
+            pixel_count,
+            #[cfg(test)]
+            points,
+            answers,
+            missing,
+        })
+    }
+}
+
+impl Drawing<'_> {
+    /// Draws the records of a cache, as many at once as take no longer than they may, and answers by their sums.
+    ///
+    /// - `records`: of all
+    fn draw_cache(
+        &mut self,
+        session: &Arc<Session>,
+        pixels: &Pixels,
+        records: Range<u32>,
+    ) -> Result<(), GpuError> {
+        let Pixels { picture, drawn, .. } = pixels;
+        let resolve = &self.splatting.resolve;
+        let mut next = records.start;
+        loop {
+            let start = Instant::now();
+            let numbers = next..records.end.min(next.saturating_add(self.at_once));
+            let begins = if next == records.start { SumsBegin::AtZero } else { SumsBegin::AsTheyAre };
+            next = numbers.end;
+            let mut batch = session.batch("records of a picture")?;
+            let quads = Quads { size: [picture.width, picture.height], numbers, begins };
+            batch.add(&self.splatting.splat, &[&self.splat_group], self.target, quads)?;
+            if next == records.end {
+                batch.copy_target(self.target, drawn)?;
+                batch.dispatch(resolve, &[&self.resolve_group], resolve.workgroups(pixels.count() as u64))?;
+            }
+            batch.submit()?.wait()?;
+            if next == records.end {
+                return Ok(());
+            }
+            let seconds = start.elapsed().as_secs_f64();
+            if seconds > self.seconds_max {
+                self.at_once = (self.at_once / 2).max(1);
+            } else if seconds < self.seconds_max / 3.0 {
+                self.at_once = self.at_once.saturating_mul(2);
+            }
+        }
+    }
+}
+
+/// What records say of the irradiance in a picture's pixels, on the card. Its memory there is given back when it is dropped.
+#[derive(Debug)]
+pub struct Splatted {
+    session: Arc<Session>,
+    pixel_count: usize,
+    #[cfg(test)]
+    points: Buffer,
+    answers: Buffer,
+    missing: Buffer,
+}
+
+impl Splatted {
+    /// Irradiance at what the middles of pixels see, row by row, W/m²: by the finest cache that knows it; `None` where no record counts,
+    /// and where nothing is seen that scatters diffusely.
+    ///
+    /// Errors: what the card does not do; [`GpuError::Lost`] where it is gone with the card.
+    pub fn irradiances(&self) -> Result<Vec<Option<Rgb>>, GpuError> {
+        let bytes = self.session.read(&self.answers, 0..self.answers.byte_count())?;
+        let answer_of = |bytes: &[u8]| {
+            let [r, g, b, weight]: [f32; 4] = bytemuck::pod_read_unaligned(bytes);
+            (weight > 0.0).then(|| Rgb::new(r, g, b))
+        };
+        Ok(bytes.chunks_exact(ANSWER_BYTES as usize).map(answer_of).collect())
+    }
+
+    /// Numbers of the pixels, counted row by row, whose middle sees a diffuse surface and that no record of the finest cache covers;
+    /// ascending. Of what the card has found nothing else comes back for it.
+    ///
+    /// Errors: as [`Splatted::irradiances`].
+    pub fn missing(&self) -> Result<Vec<u32>, GpuError> {
+        let count = self.session.read(&self.missing, 0..NUMBER_BYTES)?;
+        let count = bytemuck::pod_read_unaligned::<u32>(&count).min(self.pixel_count as u32);
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        let end = (1 + u64::from(count)) * NUMBER_BYTES;
+        let bytes = self.session.read(&self.missing, NUMBER_BYTES..end)?;
+        let mut pixels: Vec<u32> =
+            bytes.chunks_exact(NUMBER_BYTES as usize).map(bytemuck::pod_read_unaligned).collect();
+        // The card appends them in the order in which it comes by.
+        pixels.sort_unstable();
+        Ok(pixels)
+    }
+
+    /// What the middles of pixels see.
+    #[cfg(test)]
+    pub(super) fn points(&self) -> Vec<GpuSeenPoint> {
+        let bytes = self.session.read(&self.points, 0..self.points.byte_count()).expect("points");
+        bytes.chunks_exact(size_of::<GpuSeenPoint>()).map(bytemuck::pod_read_unaligned).collect()
+    }
+}
+
+impl GpuScene {
+    /// Irradiance by records, splatted onto what a camera sees.
+    ///
+    /// - `view`: with perspective
+    /// - `known`: has records
+    ///
+    /// Errors: what the card does not do; [`GpuError::Insufficient`] where it cannot add up floats, [`GpuError::OutOfMemory`] or
+    /// [`GpuError::LightTooLarge`] where a picture of that size or the light has no room.
+    pub fn splatted(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Splatted, GpuError> {
+        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST))
+    }
+
+    /// [`Splatted::missing`] of [`GpuScene::splatted`], also where the device is lost in between.
+    ///
+    /// Errors: as [`GpuScene::splatted`].
+    pub fn missing(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Vec<u32>, GpuError> {
+        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST)?.missing())
+    }
+
+    /// - `covered_first`: see [`Pace`]
+    pub(super) fn splat_once(
+        &self,
+        view: &View,
+        known: &Arc<dyn SecondaryLight>,
+        covered_first: usize,
+    ) -> Result<Splatted, GpuError> {
+        if !view.is_perspective {
+            return Err(GpuError::Failed { what: "only perspective views are drawn".into() });
+        }
+        if !known.has_records() {
+            return Err(no_records());
+        }
+        let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
+        let pace = Pace { covered_first, seconds_max };
+        let light = LightBeside { known: Some(known), focused: None };
+        // Held to the end, a few batches: the light must not go in between.
+        let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
+        let splatted = self.run(&mut held, |ready| {
+            ready.known.bring(&ready.session, light, &packed)?;
+            let splatted = match ready.splat(self.world(), view, pace) {
+                Err(GpuError::OutOfMemory { .. }) => {
+                    ready.known.forget_others();
+                    ready.splat(self.world(), view, pace)
+                }
+                splatted => splatted,
+            };
+            match splatted {
+                // Nothing is half done then: what is on the card may stay.
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::Insufficient { .. })) => Ok(Err(error)),
+                splatted => splatted.map(Ok),
+            }
+        });
+        splatted.flatten()
+    }
+}
+
+fn no_records() -> GpuError {
+    GpuError::Failed { what: "light without records is not splatted".into() }
+}
