@@ -330,7 +330,8 @@ impl Splatted {
 }
 
 impl GpuScene {
-    /// Irradiance by records, splatted onto what a camera sees.
+    /// Irradiance by records, splatted onto what a camera sees. Takes some 100 bytes a pixel on the card, of which 20 stay with what is
+    /// returned.
     ///
     /// - `view`: with perspective
     /// - `known`: has records

@@ -493,6 +493,26 @@ fn splatting_survives_losses() {
     assert_eq!(scene.splatted(&view, &known).unwrap().irradiances().unwrap(), irradiances);
 }
 
+/// Where a picture has no room beside light that others have asked for, that goes.
+#[test]
+fn other_light_goes_for_a_picture() {
+    let Some(gpu) = shared() else { return };
+    let shot = shot(samples::boxes().unwrap());
+    let view = view_of(&shot);
+    let of = |count| -> Arc<dyn SecondaryLight> { Arc::new(strewn(&shot, PLAIN, count, [0.02, 0.05])) };
+    let (many, some) = (of(3_000), of(600));
+    let roomy = on_card(&Arc::new(Gpu::open_with(&gpu.options()).unwrap()), &shot);
+    let missing = [&many, &some].map(|known| roomy.missing(&view, known).unwrap());
+    // Some 100 bytes a pixel while it is drawn.
+    let bytes_max = roomy.bytes() + 50 * shot.size.pixel_count() as u64;
+    let options = GpuOptions { bytes_max, ..gpu.options() };
+    let narrow = on_card(&Arc::new(Gpu::open_with(&options).unwrap()), &shot);
+    assert_eq!(narrow.missing(&view, &many).unwrap(), missing[0]);
+    let with_many = narrow.bytes();
+    assert_eq!(narrow.missing(&view, &some).unwrap(), missing[1]);
+    assert!(narrow.bytes() < with_many && narrow.bytes() < roomy.bytes());
+}
+
 /// Views and light that are not splatted are refused, and so are pictures without room; others go on.
 #[test]
 fn what_is_not_splatted_is_refused() {
