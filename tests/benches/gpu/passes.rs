@@ -26,7 +26,7 @@ use lumicast_engine::{
 
 use crate::{
     figures::{Figure, SceneFigures, Unit},
-    median,
+    median, splats,
     subject::Subject,
 };
 
@@ -105,6 +105,7 @@ pub(crate) fn measure(
     figures.push(packing);
     let bytes = packed.map_or(0, |packed| size_of_val(&packed.records[..]) + size_of_val(&packed.words[..]));
     figures.push(Figure::new("4,000 records: size", Unit::Bytes, bytes as f64));
+    splats::measure(&scene, &drawing.view, &records, rounds, figures)?;
     let tracer = PathTracer::with_secondary(settings, records);
     card.draw_as(&tracer);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
