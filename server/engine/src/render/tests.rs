@@ -385,8 +385,12 @@ fn edits_leave_what_a_fresh_build_would_make() {
             kept.step_until_complete(&world);
             thinned_out += u32::from(kept.photons.paths().path_count() < kept.photons.paths().full_count());
             let built = kept.octree.octree().unwrap().counts();
-            kept_cells_share +=
-                built.kept as f64 / (built.kept + built.gathered) as f64 / (0.7 * f64::from(edits));
+            // What an edit leaves as it was is not built at all.
+            let of_edit = match change.leaves_light_alone() {
+                true => 1.0,
+                false => built.kept as f64 / (built.kept + built.gathered) as f64,
+            };
+            kept_cells_share += of_edit / (0.7 * f64::from(edits));
             if number % 5 == 0 || number > edits - 5 {
                 let fresh = Caches::complete(settings, &World::prepare(world.scene().clone()));
                 assert_same(&kept, &fresh, &format!("seed {seed} after edit {number}"));
