@@ -251,19 +251,18 @@ impl Lighting {
         }
     }
 
-    /// Goes on with what somebody learnt for himself alone, of the scene that [`Lighting::follow`] was told of last, where it is better than
-    /// what there is: for those who look, or kept as if he had looked with it. Returns what is not needed.
+    /// Goes on with what somebody learnt for himself alone, of the scene that [`Lighting::follow`] was told of last: for those who look and
+    /// know nothing yet, or kept as if he had looked with it where nothing better is. Returns what is not needed. Who looks and knows
+    /// anything goes on with that: after an edit too, of which most may be right and is being brought to the scene as it is.
     pub(super) fn take_over(
         &mut self,
         key: LightKey,
         (learner, world): (Learner, Arc<World>),
         workshop: &Workshop,
     ) -> Option<Learner> {
-        let is_better = |lit: &Lit| {
-            !lit.knows_light_of_now()
-                || lit.learner.stage() != Stage::Complete
-                    && lit.learner.photons_sent() < learner.photons_sent()
-                || lit.left.is_some() && lit.learner.photons_sent() < learner.photons_sent()
+        let is_better = |lit: &Lit| match lit.left {
+            None => lit.learner.known().is_none(),
+            Some(_) => !lit.knows_light_of_now() || lit.learner.knowledge() < learner.knowledge(),
         };
         if !learner.knows_light_of_now() || !self.lit.get(&key).is_none_or(is_better) {
             return Some(learner);
@@ -591,7 +590,7 @@ mod tests {
         let handed = lighting.hand_over(key, &workshop).unwrap();
         assert!(handed.known().is_some_and(|known| Arc::ptr_eq(known, &first)) && lighting.lit.is_empty());
         assert_eq!(handed.accuracy(), learner_of(key, &workshop).accuracy());
-        // Whoever looks and knows nothing yet goes on with it, and so does whoever knows less and learns on.
+        // Whoever looks and knows nothing yet goes on with it; whoever knows anything goes on with that, after an edit too.
         let mut lit = Lit::begin(key, &world, 0.0, &workshop);
         lighting.lit.insert(key, lit);
         assert!(
@@ -606,9 +605,21 @@ mod tests {
         while better.stage() != Stage::Complete {
             workshop.drawing_pool.install(|| better.step(&world, &AtomicBool::new(false)));
         }
-        assert!(lighting.take_over(key, (better, world.clone()), &workshop).is_some());
+        let refused = lighting.take_over(key, (better, world.clone()), &workshop).unwrap();
+        assert!(refused.stage() == Stage::Complete && lighting.generation(key) == generation);
+        lighting.lit.get_mut(&key).unwrap().ahead = change_of("lamp");
+        let better = lighting.take_over(key, (refused, world.clone()), &workshop).unwrap();
+        assert!(better.stage() == Stage::Complete && lighting.generation(key) == generation);
+        // Of what is kept the better stays.
+        let looked_with = lighting.lit.get_mut(&key).unwrap();
+        (looked_with.ahead, looked_with.left) = (SceneChange::default(), Some(Instant::now()));
+        let rough = lighting.take_over(key, (better, world.clone()), &workshop).unwrap();
         assert!(lighting.lit[&key].is_complete() && lighting.generation(key) > generation);
-        assert!(lighting.take_over(key, learnt(), &workshop).is_some_and(|of| of.stage() != Stage::Complete));
+        assert!(
+            lighting
+                .take_over(key, (rough, world.clone()), &workshop)
+                .is_some_and(|of| of.stage() != Stage::Complete)
+        );
         // What is kept and of before an edit is no better than nothing.
         lit = Lit {
             left: Some(Instant::now()),

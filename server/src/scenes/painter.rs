@@ -175,11 +175,11 @@ impl Painter {
                 .and_then(|(light, learnt)| self.lighting.take_over(light, learnt, &self.scene.workshop));
             lock(&self.scene.board).requests_open -= 1;
             self.scene.workshop.drawing_pool.spawn(move || {
-                // Giving so much memory back takes time too.
-                drop(refused);
                 if !drawing.is_given_up() {
                     drawing.finish();
                 }
+                // Giving so much memory back takes time, which nobody waits for.
+                drop(refused);
             });
         }
     }

@@ -146,12 +146,20 @@ impl Session {
         use wgpu::BufferUsages as Usages;
         let usage =
             Usages::STORAGE | Usages::UNIFORM | Usages::INDIRECT | Usages::COPY_SRC | Usages::COPY_DST;
-        let bytes_allowed = self.limits.max_storage_buffer_binding_size;
-        if byte_count > bytes_allowed {
-            let limit = "the adapter's largest binding";
-            return Err(GpuError::OutOfMemory { name: name.to_string(), byte_count, bytes_allowed, limit });
-        }
+        self.check_binding(name, byte_count)?;
         self.allocate(name, byte_count, usage)
+    }
+
+    /// Whether shaders may see so many bytes at once.
+    ///
+    /// Errors: [`GpuError::OutOfMemory`] where they may not.
+    pub fn check_binding(&self, name: &str, byte_count: u64) -> Result<(), GpuError> {
+        let bytes_allowed = self.limits.max_storage_buffer_binding_size;
+        if byte_count <= bytes_allowed {
+            return Ok(());
+        }
+        let limit = "the adapter's largest binding";
+        Err(GpuError::OutOfMemory { name: name.to_string(), byte_count, bytes_allowed, limit })
     }
 
     /// A buffer for these uses, within all bounds.

@@ -103,6 +103,8 @@ pub struct Illumination {
     begun: RoundSeconds,
     /// The newest octree.
     newest: OctreeMade,
+    /// Photons that it was made of.
+    known_photons: u64,
     /// Seconds that it may still take, and that the smallest of further rounds may.
     allowed_seconds: Option<[f64; 2]>,
     /// A round is over and the next not begun: what is drawn in between takes of the time there is.
@@ -147,6 +149,7 @@ impl Illumination {
             expected: None,
             begun: RoundSeconds::default(),
             newest: OctreeMade::default(),
+            known_photons: 0,
             allowed_seconds: None,
             is_between: false,
             is_cut: false,
@@ -212,6 +215,7 @@ impl Illumination {
                 self.newest = OctreeMade { seconds, cells, neighbours, ready };
             }
             self.newest.ready = ready;
+            self.known_photons = self.photons.paths().path_count();
         }
         self.generation += u64::from(is_new);
         self.is_between = progress.complete && self.is_before_last_round();
@@ -353,6 +357,11 @@ impl Illumination {
     /// What is known of the light by now.
     pub fn known(&self) -> Option<&Arc<dyn SecondaryLight>> {
         self.products.secondary.as_ref()
+    }
+
+    /// Photons that what is known was made of.
+    pub(super) fn known_photons(&self) -> u64 {
+        self.known_photons
     }
 
     /// Counts up whenever [`Illumination::known`] becomes another.

@@ -206,9 +206,10 @@ impl Learner {
         }
     }
 
-    /// Photons sent out for what is known: of two of one scene the one with more knows better.
-    pub fn photons_sent(&self) -> u64 {
-        self.illumination.as_ref().map_or(0, |illumination| illumination.report().photons_emitted)
+    /// Photons that what is known was made of, and records: of two learners of one scene the one with more, in this order, knows better.
+    pub fn knowledge(&self) -> [u64; 2] {
+        let photons = self.illumination.as_ref().map_or(0, Illumination::known_photons);
+        [photons, self.shown_records as u64]
     }
 
     /// Share of the time there is by whose end photons and octree must be known, with what is drawn beside them.

@@ -31,6 +31,9 @@ pub struct SceneChange {
     pub environment: bool,
 }
 
+/// How far a squared length may be from 1 for a direction to have unit length: some roundings.
+const UNIT_SLACK: f64 = 1e-14;
+
 impl SceneChange {
     /// Adds what another change touched.
     pub fn join(&mut self, other: &SceneChange) {
@@ -394,7 +397,10 @@ impl SceneBuilder {
         check_light(&id, &light, self.limits.coordinate_max_m)?;
         self.check_light_placed(&id, &light)?;
         // Unit length is part of the type's promise; `check_light` has seen that it is possible.
-        light.direction = light.direction.normalize_or(DVec3::NEG_Z);
+        // What has it stays as it is to the last bit, so that what is set again is the same.
+        if (light.direction.length_squared() - 1.0).abs() > UNIT_SLACK {
+            light.direction = light.direction.normalize_or(DVec3::NEG_Z);
+        }
         if self.scene.lights.get(&id) != Some(&light) {
             self.change.lights.insert(id.clone());
             self.scene.lights.insert(id, light);

@@ -144,6 +144,16 @@ fn what_is_set_again_changes_nothing() {
         builder.finish().1
     };
     assert_eq!(change_by(&light, 0.5, 1.0, 0.3), SceneChange::default());
+    // Whoever leaves the direction out sets the one that there is.
+    for number in 1..100 {
+        let direction = DVec3::new(f64::from(number).sin(), f64::from(7 * number).cos(), 0.1);
+        let mut builder = SceneBuilder::new(SceneLimits::default());
+        builder.add_light(id("sun"), Light { direction, ..light.clone() }).unwrap();
+        let (scene, _) = builder.finish();
+        let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+        builder.set_light("sun", scene.lights()["sun"].clone()).unwrap();
+        assert_eq!(builder.finish().1, SceneChange::default(), "{direction}");
+    }
     let dimmer = Light { kind: LightKind::Directional { irradiance: Rgb::splat(0.999) }, ..light.clone() };
     assert_eq!(change_by(&dimmer, 0.5, 1.0, 0.3).lights.len(), 1);
     assert_eq!(change_by(&light, 0.501, 1.0, 0.3).materials.len(), 1);

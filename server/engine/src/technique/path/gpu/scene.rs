@@ -211,7 +211,7 @@ impl Ready {
 }
 
 pub(super) fn unprepared() -> GpuError {
-    GpuError::Failed { what: "paths were not prepared".into() }
+    GpuError::Failed { what: "steps were not prepared".into() }
 }
 
 /// A scene on a card, with places for paths: pictures of it share both, one slice at a time.

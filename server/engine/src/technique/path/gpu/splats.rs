@@ -31,6 +31,9 @@ use crate::{
 
 /// Pixels that the first records drawn may cover together: a card of the last ten years weighs some 10⁹ a second.
 const COVERED_FIRST: usize = 1 << 23;
+/// Records drawn at once at most, on a card and on a software adapter: the next may cover far more than the last, which lay behind the eye.
+const AT_ONCE_MAX: u32 = 1 << 14;
+const SOFTWARE_AT_ONCE_MAX: u32 = 1 << 12;
 /// Bytes of an answer: irradiance and weight.
 const ANSWER_BYTES: u64 = 16;
 /// Of the number of a pixel, and of how many there are.
@@ -117,6 +120,8 @@ struct Pace {
     covered_first: usize,
     /// Longest time that a batch is to take.
     seconds_max: f64,
+    /// Records drawn at once, at most.
+    at_once_max: u32,
 }
 
 /// What is known of a picture's pixels, and what is done now.
@@ -163,7 +168,7 @@ struct Drawing<'a> {
     splat_group: BindGroup,
     resolve_group: BindGroup,
     at_once: u32,
-    seconds_max: f64,
+    pace: Pace,
 }
 
 impl Ready {
@@ -209,8 +214,10 @@ impl Ready {
                 .bind(&splatting.resolve_layout, &[header, points, drawn, answers, missing])?,
             splatting,
             target: &target,
-            at_once: (pace.covered_first / pixels.count()).max(1) as u32,
-            seconds_max: pace.seconds_max,
+            at_once: u32::try_from(pace.covered_first / pixels.count())
+                .unwrap_or(u32::MAX)
+                .clamp(1, pace.at_once_max),
+            pace,
         };
         let mut first = 0;
         for (cache, count) in (0..).zip(&records.counts) {
@@ -268,10 +275,10 @@ impl Drawing<'_> {
                 return Ok(());
             }
             let seconds = start.elapsed().as_secs_f64();
-            if seconds > self.seconds_max {
+            if seconds > self.pace.seconds_max {
                 self.at_once = (self.at_once / 2).max(1);
-            } else if seconds < self.seconds_max / 3.0 {
-                self.at_once = self.at_once.saturating_mul(2);
+            } else if seconds < self.pace.seconds_max / 3.0 {
+                self.at_once = self.at_once.saturating_mul(2).min(self.pace.at_once_max);
             }
         }
     }
@@ -362,10 +369,21 @@ impl GpuScene {
         if !known.has_records() {
             return Err(no_records());
         }
-        let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
-        let pace = Pace { covered_first, seconds_max };
+        let (seconds_max, at_once_max) = match self.is_software {
+            true => (SOFTWARE_BATCH_SECONDS, SOFTWARE_AT_ONCE_MAX),
+            false => (BATCH_SECONDS, AT_ONCE_MAX),
+        };
+        let pace = Pace { covered_first, seconds_max, at_once_max };
         let light = LightBeside { known: Some(known), focused: None };
-        // Held to the end, a few batches: the light must not go in between.
+        // Before light goes for a picture that cannot be.
+        self.run(&mut *self.ready()?, |ready| {
+            let able = ready.prepare_splatting().and_then(|()| check_size(&ready.session, view));
+            match able {
+                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::Insufficient { .. })) => Ok(Err(error)),
+                able => able.map(Ok),
+            }
+        })??;
+        // Held to the end, batch by batch: the light must not go in between.
         let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
         let splatted = self.run(&mut held, |ready| {
             ready.known.bring(&ready.session, light, &packed)?;
@@ -378,12 +396,18 @@ impl GpuScene {
             };
             match splatted {
                 // Nothing is half done then: what is on the card may stay.
-                Err(error @ (GpuError::OutOfMemory { .. } | GpuError::Insufficient { .. })) => Ok(Err(error)),
+                Err(error @ GpuError::OutOfMemory { .. }) => Ok(Err(error)),
                 splatted => splatted.map(Ok),
             }
         });
         splatted.flatten()
     }
+}
+
+/// Errors where no adapter's memory would do: the largest buffer of a picture, its points, is beyond what shaders may see at once.
+fn check_size(session: &Session, view: &View) -> Result<(), GpuError> {
+    let byte_count = view.size().pixel_count() as u64 * size_of::<GpuSeenPoint>() as u64;
+    session.check_binding("points seen", byte_count)
 }
 
 fn no_records() -> GpuError {
