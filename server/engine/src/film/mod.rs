@@ -27,10 +27,14 @@ pub use denoise::Denoising;
 pub use error::{CompareError, ImageError, compare};
 pub use gauged::{GAUGED_GROUPS, GaugedPixel, Lacking, lacking, measure_at};
 pub use measured::{BLACK_PASSES, MeasuredError};
-pub use picture::Picture;
+pub use picture::{Picture, PictureParts};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use picture::{TracedPart, Weights};
 pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
+#[cfg(feature = "gpu")]
+pub(crate) use tone_map::{Fit, RADIANCE_MAX};
 
 use pixel::{Held, Pixel, SECONDARY};
 

@@ -44,9 +44,45 @@ struct Blend<'a> {
 
 /// Weight of the traced film at the middle of every tile, in row order.
 #[derive(Clone, Debug)]
-struct Weights {
-    values: Vec<f64>,
-    columns: usize,
+pub(crate) struct Weights {
+    pub(crate) values: Vec<f64>,
+    pub(crate) columns: usize,
+}
+
+/// What a picture is mixed of, for whoever mixes it elsewhere: [`PictureParts::mixed`] is what comes out.
+#[derive(Clone, Debug)]
+pub struct PictureParts {
+    pub(crate) size: PictureSize,
+    /// The film, noise taken off, row by row.
+    pub(crate) own: Vec<Rgb>,
+    pub(crate) traced: Option<TracedPart>,
+}
+
+/// The path-traced film of a blend.
+#[derive(Clone, Debug)]
+pub(crate) struct TracedPart {
+    /// Row by row.
+    pub(crate) radiance: Vec<Rgb>,
+    pub(crate) weights: Weights,
+}
+
+impl PictureParts {
+    /// Size of the picture.
+    pub fn size(&self) -> PictureSize {
+        self.size
+    }
+
+    /// The picture, rows top to bottom: the film alone, or with the path-traced one at its weights.
+    pub fn mixed(self) -> Vec<Rgb> {
+        let mut image = self.own;
+        if let Some(TracedPart { radiance: traced, weights }) = &self.traced {
+            weights.for_all(self.size, &mut image, |index, weight, shown| {
+                let weight = weight as f32;
+                *shown = *shown * (1.0 - weight) + traced[index] * weight;
+            });
+        }
+        image
+    }
 }
 
 impl<'a> Picture<'a> {
@@ -115,7 +151,12 @@ impl<'a> Picture<'a> {
 
     /// Radiance of all path classes together, W/(m² sr); black where no pass has run.
     pub fn radiance(&self) -> Vec<Rgb> {
-        self.mixed(self.own_radiance(), Film::radiance)
+        self.parts().mixed()
+    }
+
+    /// What [`Picture::radiance`] is mixed of.
+    pub fn parts(&self) -> PictureParts {
+        self.parts_of(self.own_radiance(), Film::radiance)
     }
 
     /// Radiance of one path class, W/(m² sr). The layers add up to [`Picture::radiance`].
@@ -124,7 +165,7 @@ impl<'a> Picture<'a> {
         if self.denoising.is_some() {
             change(&mut image, &Denoised::change_of(self.film, class));
         }
-        self.mixed(image, |film| film.layer(class))
+        self.parts_of(image, |film| film.layer(class)).mixed()
     }
 
     /// Mean albedo of the first hit; samples that hit nothing count as black.
@@ -158,16 +199,10 @@ impl<'a> Picture<'a> {
         image
     }
 
-    fn mixed(&self, own: Vec<Rgb>, image_of: impl Fn(&Film) -> Vec<Rgb>) -> Vec<Rgb> {
-        let mut image = own;
-        if let Some(blend) = &self.blend {
-            let traced = image_of(blend.traced);
-            blend.weights.for_all(self.size(), &mut image, |index, weight, shown| {
-                let weight = weight as f32;
-                *shown = *shown * (1.0 - weight) + traced[index] * weight;
-            });
-        }
-        image
+    fn parts_of(&self, own: Vec<Rgb>, image_of: impl Fn(&Film) -> Vec<Rgb>) -> PictureParts {
+        let part_of =
+            |blend: &Blend| TracedPart { radiance: image_of(blend.traced), weights: blend.weights.clone() };
+        PictureParts { size: self.size(), own, traced: self.blend.as_ref().map(part_of) }
     }
 }
 

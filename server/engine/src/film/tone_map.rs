@@ -50,8 +50,7 @@ impl ToneMap {
 
     /// The same before AgX's last step, a power per channel, which the table of [`Display`] takes in.
     fn encoded(self, radiance: Rgb) -> Rgb {
-        // All maps are white to half a code well below 10⁹, and their squares stay finite.
-        let bounded = radiance.map(|value| if value > 0.0 { value.min(1e9) } else { 0.0 });
+        let bounded = radiance.map(|value| if value > 0.0 { value.min(RADIANCE_MAX) } else { 0.0 });
         let mapped = match self {
             ToneMap::Linear => bounded,
             ToneMap::Reinhard => bounded * (1.0 / (1.0 + bounded.luminance())),
@@ -77,45 +76,90 @@ impl FromStr for ToneMap {
     }
 }
 
+/// Radiance above counts as this much: all maps are white to half a code well below, and squares stay finite.
+pub(crate) const RADIANCE_MAX: f32 = 1e9;
+
+/// The numbers of a tone map that is a curve per channel between two matrices, or weighs channels, for whoever computes it elsewhere.
+#[cfg(feature = "gpu")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Fit {
+    /// Before the curve, by rows.
+    pub(crate) into: [[f32; 3]; 3],
+    /// ACES: its fraction. AgX: the range in stops, then the polynomial. Reinhard: what channels add to the luminance. Zeros after.
+    pub(crate) curve: [f32; 9],
+    /// After the curve, by rows.
+    pub(crate) out_of: [[f32; 3]; 3],
+}
+
+#[cfg(feature = "gpu")]
+impl Fit {
+    /// Of a tone map; zeros where it is none.
+    pub(crate) fn of(tone_map: ToneMap) -> Fit {
+        let mut curve = [0.0; 9];
+        match tone_map {
+            ToneMap::Linear => Fit::default(),
+            ToneMap::Reinhard => {
+                curve[..3].copy_from_slice(&Rgb::LUMINANCE.to_array());
+                Fit { curve, ..Fit::default() }
+            }
+            ToneMap::Aces => {
+                curve[..5].copy_from_slice(&ACES_CURVE);
+                Fit { into: ACES_INTO, curve, out_of: ACES_OUT_OF }
+            }
+            ToneMap::AgX => {
+                curve[..2].copy_from_slice(&AGX_STOPS);
+                curve[2..].copy_from_slice(&AGX_CURVE);
+                Fit { into: AGX_INSET, curve, out_of: AGX_OUTSET }
+            }
+        }
+    }
+}
+
 fn mul(rows: [[f32; 3]; 3], v: Rgb) -> Rgb {
     rows.map(|[r, g, b]| r * v.r + g * v.g + b * v.b).into()
 }
 
+const ACES_INTO: [[f32; 3]; 3] =
+    [[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]];
+const ACES_OUT_OF: [[f32; 3]; 3] =
+    [[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]];
+/// a, b, c, d, e of (v (v + a) − b) / (v (c v + d) + e).
+const ACES_CURVE: [f32; 5] = [0.024_578_6, 0.000_090_537, 0.983_729, 0.432_951, 0.238_081];
+
 /// sRGB → AP1 with the red modifier, a rational fit of RRT and ODT, and back [Hill2016].
 fn aces(radiance: Rgb) -> Rgb {
-    const INTO: [[f32; 3]; 3] =
-        [[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]];
-    const OUT_OF: [[f32; 3]; 3] =
-        [[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]];
-    let curve =
-        |v: f32| (v * (v + 0.024_578_6) - 0.000_090_537) / (v * (0.983_729 * v + 0.432_951) + 0.238_081);
-    mul(OUT_OF, mul(INTO, radiance).map(curve))
+    let [a, b, c, d, e] = ACES_CURVE;
+    let curve = |v: f32| (v * (v + a) - b) / (v * (c * v + d) + e);
+    mul(ACES_OUT_OF, mul(ACES_INTO, radiance).map(curve))
 }
 
 /// The display of AgX is a pure power, not the sRGB curve.
 const AGX_GAMMA: f32 = 2.2;
 
+const AGX_INSET: [[f32; 3]; 3] = [
+    [0.842_479_06, 0.078_433_6, 0.079_223_745],
+    [0.042_328_242, 0.878_468_64, 0.079_166_13],
+    [0.042_375_655, 0.078_433_6, 0.879_143],
+];
+const AGX_OUTSET: [[f32; 3]; 3] = [
+    [1.196_879, -0.098_020_88, -0.099_029_74],
+    [-0.052_896_85, 1.151_903_1, -0.098_961_18],
+    [-0.052_971_635, -0.098_043_45, 1.151_073_7],
+];
+/// The range of the log encoding: black, white.
+const AGX_STOPS: [f32; 2] = [-12.473_93, 4.026_069];
+/// The contrast curve over that range as [0, 1], highest power first.
+const AGX_CURVE: [f32; 7] = [15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232];
+
 /// Inset, log2 over 16.5 stops, contrast curve, outset [Wrensch2023]; encoded with `AGX_GAMMA`.
 fn agx(radiance: Rgb) -> Rgb {
-    const INSET: [[f32; 3]; 3] = [
-        [0.842_479_06, 0.078_433_6, 0.079_223_745],
-        [0.042_328_242, 0.878_468_64, 0.079_166_13],
-        [0.042_375_655, 0.078_433_6, 0.879_143],
-    ];
-    const OUTSET: [[f32; 3]; 3] = [
-        [1.196_879, -0.098_020_88, -0.099_029_74],
-        [-0.052_896_85, 1.151_903_1, -0.098_961_18],
-        [-0.052_971_635, -0.098_043_45, 1.151_073_7],
-    ];
-    const STOPS_MIN: f32 = -12.473_93;
-    const STOPS_MAX: f32 = 4.026_069;
+    let [black, white] = AGX_STOPS;
     let curve = |value: f32| {
         // log2 of zero is −∞, which the clamp takes.
-        let x = (value.log2().clamp(STOPS_MIN, STOPS_MAX) - STOPS_MIN) / (STOPS_MAX - STOPS_MIN);
-        let polynomial = [15.5, -40.14, 31.96, -6.868, 0.4298, 0.1191, -0.00232];
-        polynomial.into_iter().fold(0.0, |sum: f32, factor| sum * x + factor)
+        let x = (value.log2().clamp(black, white) - black) / (white - black);
+        AGX_CURVE.into_iter().fold(0.0, |sum: f32, factor| sum * x + factor)
     };
-    mul(OUTSET, mul(INSET, radiance).map(curve))
+    mul(AGX_OUTSET, mul(AGX_INSET, radiance).map(curve))
 }
 
 /// sRGB curve of a linear value in [0, 1] [IEC 61966-2-1].
@@ -159,6 +203,30 @@ impl Display {
             })
             .collect();
         Display { tone_map, factor: exposure_ev.exp2(), code_at, threshold }
+    }
+
+    /// The tone map.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn tone_map(&self) -> ToneMap {
+        self.tone_map
+    }
+
+    /// What radiance is multiplied by.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn factor(&self) -> f32 {
+        self.factor
+    }
+
+    /// The smallest values that round to codes 0, 1 … 255, of what the tone map gives before AgX's last step.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn thresholds(&self) -> &[f32] {
+        &self.threshold[..256]
+    }
+
+    /// What [`Display::thresholds`] are compared with.
+    #[cfg(all(test, feature = "gpu"))]
+    pub(crate) fn encoded(&self, radiance: Rgb) -> Rgb {
+        self.tone_map.encoded(radiance * self.factor)
     }
 
     /// sRGB codes of one colour.

@@ -22,6 +22,9 @@ impl Rgb {
     /// One in every channel.
     pub const WHITE: Rgb = Rgb::splat(1.0);
 
+    /// What each channel adds to the luminance, Rec.709.
+    pub const LUMINANCE: Rgb = Rgb::new(0.2126, 0.7152, 0.0722);
+
     /// A colour from its channels.
     pub const fn new(r: f32, g: f32, b: f32) -> Rgb {
         Rgb { r, g, b }
@@ -34,7 +37,7 @@ impl Rgb {
 
     /// Rec.709 luminance of the colour.
     pub fn luminance(self) -> f32 {
-        0.2126 * self.r + 0.7152 * self.g + 0.0722 * self.b
+        Rgb::LUMINANCE.r * self.r + Rgb::LUMINANCE.g * self.g + Rgb::LUMINANCE.b * self.b
     }
 
     /// Largest channel.
