@@ -5,6 +5,7 @@
 //! Imports nothing: the engine takes texts from here and hands them to its graphics interface.
 
 mod accel;
+mod film;
 mod irradiance;
 mod path;
 
@@ -12,6 +13,7 @@ mod path;
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
+pub use film::FILM_SHOW;
 pub use irradiance::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
@@ -23,6 +25,7 @@ pub use path::{
 pub static STEPS: &[&Step] = &[
     &CLOSEST,
     &OCCLUDED,
+    &FILM_SHOW,
     &PATH_BEGIN,
     &PATH_CLOSEST,
     &PATH_SHADE,
@@ -77,6 +80,11 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("LIKE_COS", Constant::F32(0.3)),
     ("PHOTON_SURVIVAL_MAX", Constant::F32(0.99)),
     ("STRAIGHT_COS", Constant::F32(0.999_99)),
+    ("TILE_SIDE", Constant::U32(16)),
+    ("RADIANCE_MAX", Constant::F32(1e9)),
+    ("TONE_REINHARD", Constant::U32(1)),
+    ("TONE_ACES", Constant::U32(2)),
+    ("TONE_AGX", Constant::U32(3)),
 ];
 
 /// A file of WGSL, of which steps are made.

@@ -1,6 +1,6 @@
 //! The graphics card: adapter, device, buffers with byte bounds, pipelines, batches of work, reading back, loss.
 //!
-//! Imports `accel` for the packed trees; wgpu is named only here and in the rooms' `gpu.rs`. Shaders come from the crate
+//! Imports `accel` for the packed trees and `film` for pictures that are shown; wgpu is named only here and in the rooms' `gpu.rs`. Shaders come from the crate
 //! `lumicast-shaders`. Why [`Gpu`] and [`Session`] are two: a device can be lost at any time (driver update, watchdog,
 //! a card that is pulled), and all its buffers with it. A `Session` is one device and lives until then; [`Gpu::session`]
 //! opens the next. Whoever holds buffers compares [`Session::generation`] and uploads again.
@@ -15,6 +15,7 @@ mod pipeline;
 mod raster;
 mod read_back;
 mod session;
+mod show;
 #[cfg(test)]
 pub(crate) mod tests;
 mod trees;
@@ -29,4 +30,5 @@ pub use raster::{Draw, Quads, RasterPipeline, SumsBegin, Target};
 pub use read_back::ReadBack;
 pub(crate) use session::locked;
 pub use session::{Gpu, GpuOptions, Session};
+pub use show::{ShowOnCard, ShownOnCard};
 pub use trees::{GpuHit, GpuRay, GpuShadowRay, GpuTrees, Masks};
