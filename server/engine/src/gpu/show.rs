@@ -25,8 +25,7 @@ use crate::{
 
 /// Pixels at once: a picture of 2048 × 2048. Two films of them take 48 MiB each, well within the 128 MiB that every adapter binds.
 const PIXELS_AT_ONCE: usize = 1 << 22;
-/// Exposures that are taken, either way, in stops: what `render` takes too. Products of what lies on both sides of it stay far from the
-/// ends of the range of floats.
+/// Exposures that are taken, up or down, in stops: as many as `render` takes. No denormal can be seen at any of them.
 const STOPS_MAX: f32 = 64.0;
 /// Pixels and bytes of what one invocation writes.
 const GROUP_PIXELS: usize = 4;

@@ -141,7 +141,7 @@ fn card() -> Option<(Gpu, ShowOnCard)> {
     Some((gpu, card))
 }
 
-/// Rounding decides few of all codes: tolerances are at most a hundredth of one, where curves are steepest more.
+/// Rounding decides few of all codes: tolerances are some hundredth of one.
 fn assert_few(tally: Tally) {
     eprintln!("{} of {} channels are one code apart", tally.apart, tally.channels);
     assert!(tally.apart * 1000 < tally.channels, "{tally:?}");
@@ -227,7 +227,7 @@ fn what_is_no_radiance_is_shown_as_on_the_cpu() {
     ];
     let pairs = || odd.iter().flat_map(|a| odd.iter().map(move |b| (*a, *b)));
     let own: Vec<Rgb> = pairs().map(|(a, b)| Rgb::new(a, 0.2, b)).collect();
-    // Rows of one pair each: whatever lies in one tile has every weight beside it.
+    // Rows of one pair each, three tiles wide: every pair meets every weight.
     let wide = |side: fn((f32, f32)) -> f32| -> Vec<Rgb> {
         pairs()
             .flat_map(|pair| std::iter::repeat_n(Rgb::new(side(pair), 0.4, 0.7 * side(pair)), 48))
@@ -242,13 +242,14 @@ fn what_is_no_radiance_is_shown_as_on_the_cpu() {
             for parts in [alone].iter().chain(&blends) {
                 let codes = card.show(&display, parts).unwrap();
                 let mixed = parts.clone().mixed();
+                let values = parts.traced.as_ref().map_or(&[][..], |traced| &traced.weights.values);
+                // Between the middles of tiles the sums of 0.3 and 0.4 may lie anywhere, also at a threshold.
+                let off_max = u8::from(values.contains(&0.5));
                 for (index, (codes, expected)) in
                     codes.chunks(3).zip(display.show_all(&mixed).chunks(3)).enumerate()
                 {
                     let off = codes.iter().zip(expected).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
                     let of = parts.traced.as_ref().map(|traced| traced.radiance[index]);
-                    // Between the middles of tiles the sums of 0.3 and 0.4 may lie anywhere.
-                    let off_max = u8::from(of.is_some());
                     assert!(
                         off <= off_max,
                         "{tone_map} {exposure_ev} {:?} {of:?}: {codes:?} for {expected:?}",
