@@ -1,5 +1,5 @@
 //! What a graphics card does beside this machine's CPU: bare rays, what planes see, path-traced passes, passes that ask the light octree,
-//! records splatted, and what bringing a scene to the card costs.
+//! records splatted, pictures shown, and what bringing a scene to the card costs.
 //!
 //! `cargo bench -p lumicast-tests --bench gpu [-- [--software] [--size WxH] [--rounds N] [SCENE[:CAMERA] …]]`; without scenes
 //! the built-in box and, where they are found, four of the shared ones. Prints one Markdown table; `LUMICAST_GPU_JSON=FILE` also
@@ -23,6 +23,8 @@ mod planes;
 #[path = "rays/ray_set.rs"]
 #[expect(dead_code, reason = "benches/rays asks for more of it")]
 mod ray_set;
+#[path = "gpu/shown.rs"]
+mod shown;
 #[path = "gpu/splats.rs"]
 mod splats;
 #[path = "gpu/subject.rs"]
@@ -89,6 +91,7 @@ fn measure_subject(
     let mut figures = figures.of(&subject.name);
     upload::measure(subject, &gpu, options.rounds, &mut figures)?;
     bare_rays::measure(subject, &gpu, options.rounds, &mut figures)?;
+    shown::measure(&gpu, size, options.rounds, &mut figures)?;
     planes::measure(subject, &gpu, size, options.rounds, &mut figures)?;
     passes::measure(subject, &gpu, size, options.rounds, &mut figures)
 }
