@@ -517,7 +517,7 @@ mod tests {
             step(&mut lit);
         }
         // It is at an edit before: not behind by much, until one comes that changes much.
-        let (next, change) = edited(&world, 10.0);
+        let (next, change) = edited(&world, 10.4);
         world = next;
         lit.follow_edit(&world, &change, &workshop);
         step(&mut lit);
@@ -541,7 +541,7 @@ mod tests {
         until_complete(&mut lit, &next);
         assert!(Arc::ptr_eq(&lit.world, &next) && !lit.learner.knows_other_lights());
         // Around another origin nothing waits.
-        let (first, change) = edited(&next, 10.0);
+        let (first, change) = edited(&next, 10.8);
         lit.follow_edit(&first, &change, &workshop);
         assert!(lit.learner.is_catching_up());
         let mut builder = SceneBuilder::from_scene(first.scene(), SceneLimits::default());

@@ -98,21 +98,25 @@ pub struct ShowOnCard {
 type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
 
 impl ShowOnCard {
-    /// Compiles the step, which a session does once.
-    ///
-    /// Errors: [`GpuError::Shader`], [`GpuError::Lost`], [`GpuError::Failed`].
-    pub fn new(session: &Arc<Session>) -> Result<ShowOnCard, GpuError> {
-        let [uniform, read, write] = [Binding::Uniform, Binding::Read, Binding::Write];
-        let layout = session.layout(&[uniform, read, read, read, read, write])?;
-        let constants = [
+    /// What the step is compiled with.
+    pub(crate) fn constants() -> [(&'static str, Constant); 6] {
+        [
             ("WORKGROUP", Constant::U32(FILM_SHOW.workgroup_size[0])),
             ("TILE_SIDE", Constant::U32(TILE_SIDE)),
             ("RADIANCE_MAX", Constant::F32(RADIANCE_MAX)),
             ("TONE_REINHARD", Constant::U32(ToneMap::Reinhard as u32)),
             ("TONE_ACES", Constant::U32(ToneMap::Aces as u32)),
             ("TONE_AGX", Constant::U32(ToneMap::AgX as u32)),
-        ];
-        let pipeline = session.pipeline(&FILM_SHOW, &constants, &[&layout])?;
+        ]
+    }
+
+    /// Compiles the step, which a session does once.
+    ///
+    /// Errors: [`GpuError::Shader`], [`GpuError::Lost`], [`GpuError::Failed`].
+    pub fn new(session: &Arc<Session>) -> Result<ShowOnCard, GpuError> {
+        let [uniform, read, write] = [Binding::Uniform, Binding::Read, Binding::Write];
+        let layout = session.layout(&[uniform, read, read, read, read, write])?;
+        let pipeline = session.pipeline(&FILM_SHOW, &ShowOnCard::constants(), &[&layout])?;
         Ok(ShowOnCard { session: Arc::clone(session), pipeline, layout, pixels_at_once: PIXELS_AT_ONCE })
     }
 

@@ -14,7 +14,10 @@ use super::{
     *,
 };
 use crate::{
-    gpu::tests::{assert_same_layout, layout, numbers_of},
+    gpu::{
+        ShowOnCard,
+        tests::{assert_same_layout, layout, numbers_of},
+    },
     scene::TextureSlot,
     technique::{GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT},
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
@@ -377,7 +380,7 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     }
 }
 
-/// Steps are compiled with every constant that the proof of the shaders names, and `HAS_SECONDARY` with the ones for shading.
+/// Steps are compiled with every constant that the proof of the shaders names: paths with those of scenes and shading, pictures with theirs.
 #[test]
 fn every_constant_of_the_proof_is_prepended() {
     let Some(gpu) = shared() else { return };
@@ -386,10 +389,13 @@ fn every_constant_of_the_proof_is_prepended() {
     let mut names: Vec<_> = on_card
         .constants_of_shade(PathStart::Rays, Shading::default())
         .into_iter()
+        .chain(ShowOnCard::constants())
         .map(|(name, _)| name)
         .collect();
     let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
     names.sort_unstable();
+    // Both are compiled for workgroups.
+    names.dedup();
     proved.sort_unstable();
     assert_eq!(names, proved);
 }
