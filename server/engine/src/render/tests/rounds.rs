@@ -162,7 +162,7 @@ fn who_goes_on_after_others_learns_as_much() {
     const SHORT: Option<Duration> = Some(Duration::ZERO);
     const LONG: Option<Duration> = Some(Duration::from_secs(100_000));
     let world = Arc::new(world_of(samples::cornell_box().unwrap()));
-    let size = PictureSize::new(8, 8).unwrap();
+    let size = PictureSize::new(4, 4).unwrap();
     let view = world.scene().camera_view(None).unwrap();
     let plan = EffectPlan::of(world.scene());
     // A picture that is drawn to the end of learning, or has a few passes.
@@ -172,7 +172,7 @@ fn who_goes_on_after_others_learns_as_much() {
         let of = RenderSettings { indirect: Indirect::Auto, learning, ..RenderSettings::default() };
         let mut rendering = match learner {
             Some(learner) => Rendering::learning_on((Arc::clone(world), &plan), learner, (view, size), of),
-            None => Rendering::learning_by((Arc::clone(world), settings(32_000, 4)), view, size, of),
+            None => Rendering::learning_by((Arc::clone(world), settings(16_000, 3)), view, size, of),
         };
         for _ in 0..100_000 {
             if rendering.passes() >= 3 && (!to_the_end || rendering.knows_its_light()) {
@@ -192,15 +192,20 @@ fn who_goes_on_after_others_learns_as_much() {
     for before in [&[SHORT][..], &[None], &[None, SHORT], &[SHORT, SHORT], &[LONG, SHORT]] {
         for last in [None, LONG] {
             for is_first_whole in [false, true] {
+                if is_first_whole && before[0] == SHORT {
+                    continue;
+                }
                 let mut learner = None;
                 for (number, time) in before.iter().enumerate() {
-                    let is_whole = is_first_whole && number == 0 && *time != SHORT;
-                    learner = Some(draw(&world, learner, *time, is_whole));
+                    learner = Some(draw(&world, learner, *time, is_first_whole && number == 0));
                 }
                 let mut learner = draw(&world, learner, last, true);
                 let how = format!("{before:?}, then {last:?}, {is_first_whole}");
                 assert!(octree_of(&learner).holds_the_same(&fresh[0]), "{how}");
                 assert!(learner.knows_light_of_now(), "{how}");
+                if last.is_some() {
+                    continue;
+                }
                 // Whoever comes then, and edits.
                 learner = draw(&world, Some(learner), SHORT, false);
                 learner.go_on_for(Learning::Alongside { until: None });
