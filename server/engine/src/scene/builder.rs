@@ -1,4 +1,4 @@
-//! The one way into a [`Scene`]: every value from a file or an edit is checked here, once.
+//! The one way into a [`Scene`]: every value from a file or an edit is checked here, once (`check.rs`, `mesh_check.rs`).
 //!
 //! A builder starts empty or from an existing scene; each method either makes its change or leaves the
 //! scene as it was and says why. Dropping the builder drops the changes, which makes batches atomic.
@@ -10,50 +10,15 @@ use indexmap::{IndexMap, IndexSet};
 
 use super::{
     Camera, Environment, Id, Light, LightKind, Material, Mesh, MeshSource, Node, Primitive, Projection,
-    Scene, SceneError, SceneLimits, Texels, Texture, TextureSlot, Warning, mesh_check,
+    Scene, SceneChange, SceneError, SceneLimits, Texels, Texture, TextureSlot, Warning,
+    check::{
+        bad, check_light, check_light_colour, check_material, check_transform, over_limit, refuse_duplicate,
+    },
+    mesh_check,
 };
-use crate::math::Rgb;
-
-/// What the changes of one builder touched, by id, removed objects included.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SceneChange {
-    /// Nodes added, removed or moved, with all their descendants.
-    pub nodes: IndexSet<Id>,
-    /// Meshes added or removed.
-    pub meshes: IndexSet<Id>,
-    /// Materials added, changed or removed.
-    pub materials: IndexSet<Id>,
-    /// Lights added, changed, moved or removed.
-    pub lights: IndexSet<Id>,
-    /// Cameras added, changed, moved or removed.
-    pub cameras: IndexSet<Id>,
-    /// The environment changed.
-    pub environment: bool,
-}
 
 /// How far a squared length may be from 1 for a direction to have unit length: some roundings.
 const UNIT_SLACK: f64 = 1e-14;
-
-impl SceneChange {
-    /// Adds what another change touched.
-    pub fn join(&mut self, other: &SceneChange) {
-        self.nodes.extend(other.nodes.iter().cloned());
-        self.meshes.extend(other.meshes.iter().cloned());
-        self.materials.extend(other.materials.iter().cloned());
-        self.lights.extend(other.lights.iter().cloned());
-        self.cameras.extend(other.cameras.iter().cloned());
-        self.environment |= other.environment;
-    }
-
-    /// True when only cameras changed, so that all light stays valid.
-    pub fn leaves_light_alone(&self) -> bool {
-        self.nodes.is_empty()
-            && self.meshes.is_empty()
-            && self.materials.is_empty()
-            && self.lights.is_empty()
-            && !self.environment
-    }
-}
 
 /// Builds or changes a scene; see the module's head.
 #[derive(Debug)]
@@ -566,146 +531,4 @@ fn without_last_line(mut scene: Scene) -> Scene {
         scene.warnings.pop();
     }
     scene
-}
-
-fn refuse_duplicate<T>(kind: &'static str, map: &IndexMap<Id, T>, id: &Id) -> Result<(), SceneError> {
-    if map.contains_key(id) { Err(SceneError::Duplicate { kind, id: id.clone() }) } else { Ok(()) }
-}
-
-pub(in crate::scene) fn bad(
-    kind: &'static str,
-    id: impl ToString,
-    field: &'static str,
-    value: String,
-    expected: &'static str,
-) -> SceneError {
-    SceneError::BadValue { kind, id: id.to_string(), field, value, expected }
-}
-
-fn over_limit(
-    kind: &'static str,
-    id: &Id,
-    what: &'static str,
-    value: u64,
-    limit: u64,
-) -> Result<(), SceneError> {
-    if value <= limit {
-        Ok(())
-    } else {
-        Err(SceneError::OverLimit { kind, id: id.to_string(), what, value, limit })
-    }
-}
-
-/// Finite, invertible, and of a size whose inverse single precision still holds.
-fn check_transform(kind: &'static str, id: &Id, transform: &DAffine3) -> Result<(), SceneError> {
-    let value = || format!("{:?}", transform.to_cols_array());
-    if !transform.is_finite() {
-        return Err(bad(kind, id, "transform", value(), "finite"));
-    }
-    if is_invertible(transform) {
-        return Ok(());
-    }
-    Err(bad(kind, id, "transform", value(), "invertible (no axis of zero length, no two axes alike)"))
-}
-
-/// True when the builder takes `transform` for a node: its inverse exists and single precision holds it.
-pub fn is_invertible(transform: &DAffine3) -> bool {
-    let columns = transform.matrix3;
-    let lengths = [columns.x_axis.length(), columns.y_axis.length(), columns.z_axis.length()];
-    let volume = columns.determinant().abs() / (lengths[0] * lengths[1] * lengths[2]);
-    // 1e-6: axes closer than a thousandth of a degree have no inverse that f32 could use.
-    lengths.iter().all(|length| (1e-12..=1e12).contains(length)) && volume > 1e-6
-}
-
-fn check_light_colour(
-    kind: &'static str,
-    id: impl ToString,
-    field: &'static str,
-    colour: Rgb,
-) -> Result<(), SceneError> {
-    // 1e20 W keeps every product with areas and distances inside f32.
-    if colour.is_finite() && colour.is_non_negative() && colour.max_component() <= 1e20 {
-        return Ok(());
-    }
-    Err(bad(kind, id, field, format!("{:?}", colour.to_array()), "finite, not negative and at most 1e20"))
-}
-
-fn check_light(id: &Id, light: &Light, coordinate_max_m: f64) -> Result<(), SceneError> {
-    // `max_element` passes over NaN, so finiteness is asked for by itself.
-    if !(light.position.is_finite() && light.position.abs().max_element() <= coordinate_max_m) {
-        return Err(bad("light", id, "position", light.position.to_string(), "within the coordinate limit"));
-    }
-    if !(light.direction.is_finite() && light.direction.length() > 1e-12) {
-        return Err(bad("light", id, "direction", light.direction.to_string(), "finite and not zero"));
-    }
-    match light.kind {
-        LightKind::Point { intensity } => check_light_colour("light", id, "intensity", intensity),
-        LightKind::Directional { irradiance } => check_light_colour("light", id, "irradiance", irradiance),
-        LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad } => {
-            check_light_colour("light", id, "intensity", intensity)?;
-            if !(outer_angle_rad > 0.0 && outer_angle_rad <= std::f32::consts::FRAC_PI_2 + 1e-6) {
-                let value = outer_angle_rad.to_string();
-                return Err(bad("light", id, "outer_angle_rad", value, "above 0 and at most π/2"));
-            }
-            if !(inner_angle_rad >= 0.0 && inner_angle_rad < outer_angle_rad) {
-                let value = inner_angle_rad.to_string();
-                return Err(bad(
-                    "light",
-                    id,
-                    "inner_angle_rad",
-                    value,
-                    "at least 0 and below outer_angle_rad",
-                ));
-            }
-            Ok(())
-        }
-    }
-}
-
-fn check_material(id: &Id, material: &Material) -> Result<(), SceneError> {
-    let share = |field, value: f32| match (0.0..=1.0).contains(&value) {
-        true => Ok(()),
-        false => Err(bad("material", id, field, value.to_string(), "between 0 and 1")),
-    };
-    let shares = |field, value: Rgb| value.to_array().into_iter().try_for_each(|value| share(field, value));
-    let at_least = |field, value: f32, least: f32, expected| match value >= least && value.is_finite() {
-        true => Ok(()),
-        false => Err(bad("material", id, field, value.to_string(), expected)),
-    };
-    shares("base_color", material.base_color)?;
-    share("alpha", material.alpha)?;
-    share("metallic", material.metallic)?;
-    share("roughness", material.roughness)?;
-    share("specular", material.specular)?;
-    share("transmission", material.transmission)?;
-    shares("attenuation_color", material.attenuation_color)?;
-    at_least("ior", material.ior, 1.0, "at least 1 and finite")?;
-    for value in material.specular_color.to_array() {
-        at_least("specular_color", value, 0.0, "finite and not negative")?;
-    }
-    if material.attenuation_distance_m.is_nan() || material.attenuation_distance_m <= 0.0 {
-        let value = material.attenuation_distance_m.to_string();
-        return Err(bad("material", id, "attenuation_distance_m", value, "above 0 (infinite = clear)"));
-    }
-    check_light_colour("material", id, "emission", material.emission)?;
-    if let Some(cutoff) = material.alpha_cutoff {
-        at_least("alpha_cutoff", cutoff, 0.0, "finite and not negative")?;
-    }
-    at_least("normal_scale", material.normal_scale.abs(), 0.0, "finite")?;
-    for texture in material.textures.iter().flatten() {
-        if texture.texcoord_set > 1 {
-            let value = texture.texcoord_set.to_string();
-            return Err(bad("material", id, "texcoord", value, "0 or 1: two sets are read"));
-        }
-        if !texture.uv_transform.is_finite() {
-            return Err(bad(
-                "material",
-                id,
-                "texture transform",
-                format!("{}", texture.uv_transform),
-                "finite",
-            ));
-        }
-    }
-    Ok(())
 }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Aabb, Id, Mesh, MeshSource, Primitive, SceneError, builder::bad};
+use super::{Aabb, Id, Mesh, MeshSource, Primitive, SceneError, check::bad};
 
 /// A valid mesh and what was odd about it.
 pub(in crate::scene) struct CheckedMesh {

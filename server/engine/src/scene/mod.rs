@@ -7,6 +7,8 @@
 mod bounds;
 mod builder;
 mod camera;
+mod change;
+mod check;
 mod error;
 mod id;
 mod light;
@@ -26,8 +28,10 @@ use glam::DAffine3;
 use indexmap::IndexMap;
 
 pub use bounds::Aabb;
-pub use builder::{SceneBuilder, SceneChange, is_invertible};
+pub use builder::SceneBuilder;
 pub use camera::{Camera, CameraView, Projection};
+pub use change::SceneChange;
+pub use check::is_invertible;
 pub use error::SceneError;
 pub use id::Id;
 pub use light::{Environment, Light, LightKind};
