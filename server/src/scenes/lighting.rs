@@ -1,4 +1,5 @@
-//! What a scene knows of its light, kept for all its viewers while one of them looks through it, and for a while after.
+//! What a scene knows of its light, kept for all its viewers while one of them looks through it, and for a while after: single pictures go
+//! on with it then, and leave what they know.
 //!
 //! Lives on the render thread. Edits are followed by what they changed, so that light that no edit touched is not computed
 //! again. A scene that nobody looks at, or by path tracing alone, learns nothing and follows no edit.
