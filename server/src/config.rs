@@ -224,6 +224,8 @@ settings! {
     /// photons, octree and records above, twice at most for each scene: for the last two techniques, or bounds on bounces, that somebody
     /// looked with. Single pictures that are being drawn take it once more each.
     kept_light_s: f64 = 60.0;
+    /// Bytes of all light that scenes keep so; a scene that would exceed it keeps less of its own, what was left longest first.
+    kept_light_bytes: u64 = 2 << 30;
     /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
     /// second with packing and sending. After a change that comes alone it may take up to three times as long.
     moving_pass_ms: f64 = 40.0;

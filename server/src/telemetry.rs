@@ -132,6 +132,8 @@ pub struct Metrics {
     pub forecasts_decided: Counter,
     pub forecasts_held: Counter,
     pub film_bytes: Gauge,
+    /// Bytes of light that scenes keep with nobody looking.
+    pub kept_light_bytes: Gauge,
 }
 
 impl Default for Metrics {
@@ -167,6 +169,7 @@ impl Default for Metrics {
             forecasts_decided: Counter::default(),
             forecasts_held: Counter::default(),
             film_bytes: Gauge::default(),
+            kept_light_bytes: Gauge::default(),
         }
     }
 }
@@ -244,6 +247,11 @@ impl Metrics {
             ("viewers", "WebSocket viewers connected", &self.viewers),
             ("edit_queue", "Batches waiting for a scene", &self.edit_queue),
             ("film_bytes", "Memory of all films", &self.film_bytes),
+            (
+                "kept_light_bytes",
+                "Memory of light that scenes keep with nobody looking",
+                &self.kept_light_bytes,
+            ),
         ];
         for (name, help, gauge) in gauges {
             single(&mut out, name, "gauge", help, gauge.value() as f64);

@@ -7,6 +7,7 @@
 #[cfg(test)]
 mod tests;
 
+use super::memory::CountedMemory;
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::render::{
@@ -129,6 +130,8 @@ struct Lit {
     may_weigh_at: Instant,
     /// When the last who looked with it went; `None` while somebody looks.
     left: Option<Instant>,
+    /// And what it takes then.
+    memory: Option<CountedMemory>,
 }
 
 impl Lit {
@@ -144,6 +147,7 @@ impl Lit {
             probed: Instant::now(),
             may_weigh_at: Instant::now(),
             left: None,
+            memory: None,
         }
     }
 
@@ -228,10 +232,11 @@ impl Lighting {
         snapshot: &Snapshot,
         changes: &mut LightChanges,
         wanted: &HashMap<LightKey, Vec<Gaze>>,
-        workshop: &Workshop,
+        workshop: &Arc<Workshop>,
     ) {
         let change = changes.take_until(snapshot.revision);
         self.retain(wanted, &change, (Instant::now(), workshop.config.kept_light()));
+        self.count_kept(workshop);
         self.weighs_at = None;
         for lit in self.lit.values_mut() {
             lit.follow_edit(&snapshot.world, &change, workshop);
@@ -262,7 +267,7 @@ impl Lighting {
         &mut self,
         key: LightKey,
         (learner, world): (Learner, Arc<World>),
-        workshop: &Workshop,
+        workshop: &Arc<Workshop>,
     ) -> Option<Learner> {
         let is_better = |lit: &Lit| match lit.left {
             None => lit.learner.known().is_none(),
@@ -280,7 +285,7 @@ impl Lighting {
                 match lit.left {
                     // Whoever looks looks with it from the next round on.
                     None => lit.learner.go_on_for(Learning::Alongside { until: None }),
-                    Some(_) => lit.left = Some(now),
+                    Some(_) => (lit.left, lit.memory) = (Some(now), None),
                 }
                 // Whatever its own count says.
                 lit.learner_generation = u64::MAX;
@@ -297,6 +302,7 @@ impl Lighting {
             lit.follow(&mut self.generation);
         }
         self.drop_expired(&SceneChange::default(), (now, kept));
+        self.count_kept(workshop);
         refused
     }
 
@@ -325,6 +331,7 @@ impl Lighting {
             if !wanted.contains_key(key) {
                 lit.left = lit.left.or(Some(now));
             } else if lit.left.take().is_some() {
+                lit.memory = None;
                 // Who comes back stands in line as who is new does, and has time, other than whoever may have learnt it.
                 lit.seconds = least.map_or(lit.seconds, |least| lit.seconds.max(least));
                 lit.learner.go_on_for(Learning::Alongside { until: None });
@@ -344,6 +351,21 @@ impl Lighting {
             self.lit.remove(key);
         });
         self.expires_at = self.lit.values().filter_map(|lit| lit.left).min().map(|at| at + kept);
+    }
+
+    /// Counts what is kept, and drops what was left longest where all scenes together would keep too much. Nobody learns anything with it
+    /// meanwhile: it stays as large as it is.
+    fn count_kept(&mut self, workshop: &Arc<Workshop>) {
+        for lit in self.lit.values_mut().filter(|lit| lit.left.is_some() && lit.memory.is_none()) {
+            lit.memory = Some(CountedMemory::of_kept_light(workshop, lit.learner.bytes()));
+        }
+        let limit = i64::try_from(workshop.config.kept_light_bytes).unwrap_or(i64::MAX);
+        while workshop.metrics.kept_light_bytes.value() > limit {
+            let left = self.lit.iter().filter_map(|(key, lit)| Some((lit.left?, *key)));
+            let Some((_, longest)) = left.min_by_key(|(at, _)| *at) else { break };
+            self.lit.remove(&longest);
+        }
+        self.expires_at = self.expires_at.filter(|_| self.lit.values().any(|lit| lit.left.is_some()));
     }
 
     /// Time spent on what took least, of what somebody looks with.

@@ -15,6 +15,7 @@ mod frames;
 mod history;
 mod ladder;
 mod lighting;
+mod memory;
 mod painter;
 mod registry;
 mod request;

@@ -13,9 +13,10 @@ use super::foretold::Look;
 use super::frames;
 use super::ladder::{DIVISOR_MAX, Size, Speed, rungs, scaled};
 use super::lighting::{LightKey, Lighting};
+use super::memory::CountedMemory;
 use super::request::{Drawing, Job};
 use super::viewer::{Picture, Viewer, Wish};
-use super::viewer_film::{Aim, FilmKey, FilmMemory, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
+use super::viewer_film::{Aim, FilmKey, Layer, Rest, Shown, Task, ViewerFilm, next_offer_after};
 use super::{Scene, Snapshot, lock};
 use crate::convert;
 use lumicast_engine::film::PictureSize;
@@ -425,7 +426,7 @@ impl Painter {
             settings,
             known,
         );
-        Ok(Layer { rendering, divisor, size, _memory: FilmMemory::of(&self.scene.workshop, bytes) })
+        Ok(Layer { rendering, divisor, size, _memory: CountedMemory::of_film(&self.scene.workshop, bytes) })
     }
 
     /// One more pass of the present film, or of the next rung's.

@@ -3,6 +3,7 @@
 //! last who looked; what they know in the end is kept in turn.
 
 use super::lighting::{LightKey, Lighting, illumination_of};
+use super::memory::CountedMemory;
 use super::{Scene, Snapshot, Workshop, lock, no_camera};
 use crate::images::{self, EncodeError, ExrLayers, JpegQuality, PictureFacts};
 use lumicast_engine::film::{Display, MeasuredError, PictureSize};
@@ -112,7 +113,7 @@ pub(super) struct Drawing {
     /// What its light is learnt as, if at all.
     light: Option<LightKey>,
     pub(super) rendering: Rendering,
-    pub(super) memory: super::viewer_film::FilmMemory,
+    pub(super) memory: CountedMemory,
     started: Instant,
     /// Passes at which the error is measured next: measuring walks the whole film.
     measure_at: u32,
@@ -215,7 +216,7 @@ impl Drawing {
         Drawing {
             light,
             rendering,
-            memory: super::viewer_film::FilmMemory::of(workshop, bytes),
+            memory: CountedMemory::of_film(workshop, bytes),
             started,
             measure_at: 2,
             samples_max: config.samples_max,

@@ -2,18 +2,18 @@
 //!
 //! Decides and counts; whoever owns it draws. `painter.rs` holds one for every viewer.
 
+use super::Snapshot;
 use super::foretold::Foretold;
 use super::frames::Packer;
 use super::ladder::{QuickRung, Size, Speed};
 use super::lighting::LightKey;
+use super::memory::CountedMemory;
 use super::viewer::Wish;
-use super::{Snapshot, Workshop};
 use lumicast_engine::effects::EffectChoices;
 use lumicast_engine::film::MeasuredError;
 use lumicast_engine::render::{Indirect, Learnt, Rendering};
 use lumicast_engine::scene::CameraView;
 use lumicast_protocol::{ConvergencePoint, Stats};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Passes before a measured error is believed: four in each of the two halves.
@@ -44,34 +44,13 @@ pub(super) struct FilmKey {
     pub(super) light_revision: u64,
 }
 
-/// Counts the memory of a film for as long as it lives.
-#[derive(Debug)]
-pub(super) struct FilmMemory {
-    workshop: Arc<Workshop>,
-    bytes: i64,
-}
-
-impl FilmMemory {
-    pub(super) fn of(workshop: &Arc<Workshop>, bytes: usize) -> FilmMemory {
-        let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
-        workshop.metrics.film_bytes.add(bytes);
-        FilmMemory { workshop: workshop.clone(), bytes }
-    }
-}
-
-impl Drop for FilmMemory {
-    fn drop(&mut self) {
-        self.workshop.metrics.film_bytes.add(-self.bytes);
-    }
-}
-
 /// A film at one rung of the ladder.
 #[derive(Debug)]
 pub(super) struct Layer {
     pub(super) rendering: Rendering,
     pub(super) divisor: u32,
     pub(super) size: Size,
-    pub(super) _memory: FilmMemory,
+    pub(super) _memory: CountedMemory,
 }
 
 /// What the viewer was offered last.

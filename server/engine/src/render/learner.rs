@@ -578,6 +578,13 @@ impl Learner {
         self.records.as_ref()
     }
 
+    /// Memory of photons, octree and records, with those that are shown.
+    pub fn bytes(&self) -> usize {
+        let illumination = self.illumination.as_ref().map(Illumination::report).unwrap_or_default();
+        let records = self.records.as_ref().map_or(0, |records| records.bytes() + records.cache().bytes());
+        illumination.photon_bytes + illumination.octree_bytes + records
+    }
+
     /// What records took and hold.
     pub fn records(&self) -> RecordReport {
         let records = self.records.as_ref();

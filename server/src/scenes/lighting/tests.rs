@@ -103,7 +103,7 @@ fn light_follows_edits_that_do_not_end() {
 /// and knows nothing yet; who looks and knows anything keeps that.
 #[test]
 fn what_others_learnt_is_kept_for_others() {
-    let workshop = Workshop::open(Config { photons: 64_000, ..Config::default() }).unwrap();
+    let workshop = Arc::new(Workshop::open(Config { photons: 64_000, ..Config::default() }).unwrap());
     let world = Arc::new(World::prepare(Arc::new(samples::cornell_box().unwrap())));
     let key = LightKey { learnt: Learnt::Octree, bounces_max: None };
     let learnt = || {
@@ -221,4 +221,51 @@ fn light_is_kept_for_a_while() {
     let mut lighting = looked_at();
     lighting.retain(&wanted(&keys[..1]), &none, (start, Duration::ZERO));
     assert_eq!((lighting.lit.len(), lighting.expires_at()), (1, None));
+}
+
+/// What is kept counts in a gauge while it is kept, and no longer; beyond the bound on all scenes together the one that comes last keeps
+/// nothing more, and of its own the last that was left.
+#[test]
+fn kept_light_is_bounded_over_scenes() {
+    let world = Arc::new(World::prepare(Arc::new(samples::cornell_box().unwrap())));
+    let keys = [Some(2), None].map(|bounces_max| LightKey { learnt: Learnt::Octree, bounces_max });
+    let learnt = |key: LightKey, workshop: &Arc<Workshop>| {
+        let mut lit = Lit::begin(key, &world, 0.0, workshop);
+        while !lit.learner.knows_light_of_now() {
+            workshop.drawing_pool.install(|| lit.learner.step(&world, &AtomicBool::new(false)));
+        }
+        (lit.learner, world.clone())
+    };
+    let opened = |kept_light_bytes| {
+        Arc::new(Workshop::open(Config { photons: 64_000, kept_light_bytes, ..Config::default() }).unwrap())
+    };
+    let one = {
+        let workshop = opened(u64::MAX);
+        let kept = || workshop.metrics.kept_light_bytes.value();
+        let mut lighting = Lighting::default();
+        assert!(lighting.take_over(keys[0], learnt(keys[0], &workshop), &workshop).is_none());
+        let one = kept();
+        assert_eq!(one, lighting.lit[&keys[0]].learner.bytes() as i64);
+        assert!(one > 100_000, "{one} bytes of some thousand photons");
+        assert!(lighting.take_over(keys[1], learnt(keys[1], &workshop), &workshop).is_none());
+        assert!(kept() > one);
+        // Whoever goes on with it has it, and who looks with it looks.
+        assert!(lighting.hand_over(keys[1], &workshop).is_some() && kept() == one);
+        let wanted = HashMap::from([(keys[0], Vec::new())]);
+        lighting.retain(&wanted, &SceneChange::default(), (Instant::now(), Duration::from_secs(60)));
+        assert!(kept() == 0 && lighting.lit.len() == 1);
+        one as u64
+    };
+    let workshop = opened(one + one / 2);
+    let kept = || workshop.metrics.kept_light_bytes.value() as u64;
+    let [mut first, mut second] = [Lighting::default(), Lighting::default()];
+    assert!(first.take_over(keys[0], learnt(keys[0], &workshop), &workshop).is_none());
+    second.take_over(keys[0], learnt(keys[0], &workshop), &workshop);
+    assert!(first.lit.len() == 1 && second.lit.is_empty() && second.expires_at().is_none());
+    assert!(kept() <= one + one / 2);
+    // Its own older light makes room.
+    first.take_over(keys[1], learnt(keys[1], &workshop), &workshop);
+    assert!(first.lit.len() == 1 && first.lit.contains_key(&keys[1]) && first.expires_at().is_some());
+    drop(first);
+    assert_eq!(kept(), 0);
 }
