@@ -125,6 +125,8 @@ pub struct Metrics {
     /// Single pictures begun, and those begun with light that the scene knew.
     pub pictures: Counter,
     pub pictures_lit: Counter,
+    /// Single pictures that learnt of the light together with others.
+    pub pictures_joined: Counter,
     /// Forecasts of errors that were reached since, those that named the time within a quarter of it, those of which it is known whether it
     /// came between the times that were told, and those for which it did.
     pub forecasts_judged: Counter,
@@ -164,6 +166,7 @@ impl Default for Metrics {
             render_us: Counter::default(),
             pictures: Counter::default(),
             pictures_lit: Counter::default(),
+            pictures_joined: Counter::default(),
             forecasts_judged: Counter::default(),
             forecasts_right: Counter::default(),
             forecasts_decided: Counter::default(),
@@ -217,6 +220,11 @@ impl Metrics {
                 "pictures_lit_total",
                 "Single pictures begun with light that the scene knew already",
                 &self.pictures_lit,
+            ),
+            (
+                "pictures_joined_total",
+                "Single pictures that learn of the light together with one that was being drawn",
+                &self.pictures_joined,
             ),
             (
                 "forecasts_judged_total",

@@ -25,7 +25,7 @@ pub(super) struct FrameQuery {
     exposure_ev: Option<f32>,
 }
 
-/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`).
+/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`), and learns together with those that are being drawn and have about as long to go.
 #[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
     params(
         ("id" = String, Path, description = "Scene"),

@@ -45,6 +45,8 @@ pub(super) struct Painter {
     scene: Arc<Scene>,
     films: HashMap<u64, ViewerFilm>,
     drawings: Vec<Drawing>,
+    /// That were begun so far.
+    drawing_count: u64,
     /// Drawings that have yet to begin.
     jobs: Vec<Job>,
     /// What is known of the scene's light.
@@ -80,6 +82,7 @@ impl Painter {
             scene,
             films: HashMap::new(),
             drawings: Vec::new(),
+            drawing_count: 0,
             jobs: Vec::new(),
             lighting: Lighting::default(),
             on_card: SceneOnCard::default(),
@@ -171,6 +174,7 @@ impl Painter {
     /// Answers it, and keeps what it learnt of the light.
     fn answer(&mut self, settled: Vec<Drawing>, snapshot: &Snapshot) {
         for mut drawing in settled {
+            drawing.leave(&mut self.drawings);
             let learnt = drawing.give_light(snapshot);
             let refused = learnt
                 .and_then(|(light, learnt)| self.lighting.take_over(light, learnt, &self.scene.workshop));
@@ -187,10 +191,13 @@ impl Painter {
 
     /// Begins what was asked for, with what is kept of the scene's light.
     fn begin_drawings(&mut self, snapshot: &Snapshot) {
-        let workshop = &self.scene.workshop;
-        let lighting = &mut self.lighting;
-        let begin = |job| Drawing::begin(job, (&mut *lighting, snapshot), workshop);
-        self.drawings.extend(self.jobs.drain(..).map(begin));
+        for job in self.jobs.drain(..) {
+            self.drawing_count += 1;
+            let light = (&mut self.lighting, snapshot);
+            let others = (self.drawings.as_mut_slice(), self.drawing_count);
+            let drawing = Drawing::begin(job, light, others, &self.scene.workshop);
+            self.drawings.push(drawing);
+        }
     }
 
     fn task_of(&self, viewer: &Viewer, wish: &Wish, snapshot: &Snapshot) -> Task {
@@ -479,6 +486,7 @@ impl Painter {
             return;
         }
         let mut drawing = self.drawings.swap_remove(index);
+        drawing.take_turn(&mut self.drawings);
         let left = drawing.deadline().map(|at| at.saturating_duration_since(Instant::now()));
         let after = match (cut.after, left) {
             (Some(after), Some(left)) => Some(after.min(left)),

@@ -2,6 +2,9 @@
 //! chain there is. They learn of the light by themselves, in the time they have, and go on with what the scene keeps of it from the
 //! last who looked; what they know in the end is kept in turn.
 
+mod shared;
+
+use self::shared::Learns;
 use super::lighting::{LightKey, Lighting, illumination_of};
 use super::memory::CountedMemory;
 use super::{Scene, Snapshot, Workshop, lock, no_camera};
@@ -110,8 +113,8 @@ pub(super) struct Job {
 #[derive(Debug)]
 pub(super) struct Drawing {
     job: Job,
-    /// What its light is learnt as, if at all.
-    light: Option<LightKey>,
+    /// How its light is learnt, if at all.
+    learns: Option<Learns>,
     pub(super) rendering: Rendering,
     pub(super) memory: CountedMemory,
     started: Instant,
@@ -178,9 +181,12 @@ impl Scene {
 
 impl Drawing {
     /// - `now`: the scene that `lighting` was brought to last
+    /// - `others`: that are being drawn
+    /// - `number`: that none of them has
     pub(super) fn begin(
         job: Job,
         (lighting, now): (&mut Lighting, &Snapshot),
+        (others, number): (&mut [Drawing], u64),
         workshop: &Arc<Workshop>,
     ) -> Drawing {
         let config = &workshop.config;
@@ -198,23 +204,37 @@ impl Drawing {
         };
         let plan = &job.snapshot.plan;
         let bytes = settings.picture_bytes(plan, job.size.pixel_count());
-        let light =
-            settings.learns(plan).map(|learnt| LightKey { learnt, bounces_max: settings.bounces_max });
-        let is_of_now = job.snapshot.light_revision == now.light_revision;
-        let kept = light.filter(|_| is_of_now).and_then(|light| lighting.hand_over(light, workshop));
-        workshop.metrics.pictures.one();
-        workshop.metrics.pictures_lit.add(u64::from(kept.is_some()));
+        let light_revision = job.snapshot.light_revision;
+        let mut learns = settings.learns(plan).map(|learnt| Learns {
+            light: LightKey { learnt, bounces_max: settings.bounces_max },
+            light_revision,
+            until: learns_until,
+            learner: number,
+            gaze: number,
+        });
         let world = job.snapshot.world.clone();
-        let mut rendering = match kept {
-            Some(learner) => Rendering::learning_on((world, plan), learner, (job.view, job.size), settings),
-            None => {
-                let of = illumination_of(&settings, workshop);
-                Rendering::learning_by((world, of), job.view, job.size, settings)
+        let seen = (job.view, job.size);
+        let joined = learns.as_mut().and_then(|learns| Drawing::learner_of_others(learns, others, started));
+        let is_of_now = light_revision == now.light_revision;
+        let alone = learns.filter(|_| is_of_now && joined.is_none());
+        let kept = alone.and_then(|learns| lighting.hand_over(learns.light, workshop));
+        workshop.metrics.pictures.one();
+        workshop.metrics.pictures_joined.add(u64::from(joined.is_some()));
+        workshop.metrics.pictures_lit.add(u64::from(kept.is_some()));
+        let mut rendering = match (joined, kept, learns) {
+            (Some(learner), _, _) => {
+                Rendering::learning_with((world, plan), (learner, number), seen, settings)
             }
+            (_, Some(learner), _) => Rendering::learning_on((world, plan), (learner, number), seen, settings),
+            (_, _, Some(Learns { light, .. })) => {
+                let learner = Learner::new(light.learnt, &settings, illumination_of(&settings, workshop));
+                Rendering::learning_on((world, plan), (learner, number), seen, settings)
+            }
+            (_, _, None) => Rendering::with((world, plan), job.view, job.size, settings, None),
         };
         rendering.aim_at(job.request.until.error);
         Drawing {
-            light,
+            learns,
             rendering,
             memory: CountedMemory::of_film(workshop, bytes),
             started,
@@ -230,7 +250,7 @@ impl Drawing {
     /// What it learnt of its light, if that is the light of the scene as it is now.
     pub(super) fn give_light(&mut self, now: &Snapshot) -> Option<(LightKey, (Learner, Arc<World>))> {
         let is_of_now = self.job.snapshot.light_revision == now.light_revision;
-        let light = self.light.filter(|_| is_of_now)?;
+        let light = self.learns.filter(|_| is_of_now)?.light;
         Some((light, (self.rendering.give_learner()?, self.job.snapshot.world.clone())))
     }
 

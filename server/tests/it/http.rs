@@ -224,6 +224,34 @@ async fn pictures_share_the_light_of_their_scene() {
     server.stop().await;
 }
 
+/// Pictures that are asked for at once learn of the light together where they have about as long to go; each is done in its time, also when one
+/// of them is given up, and what they know in the end is kept.
+#[tokio::test]
+async fn pictures_at_once_learn_together() {
+    let server = Server::start(|config| config.photons = 64_000).await;
+    let metrics = &server.scenes.workshop().metrics;
+    let path = |camera: &str, time: &str| format!("{BOX}/frame?camera={camera}&size=48x48&time={time}");
+    // One that takes long, by itself, so that the others are there before it is over.
+    let long = path("main", "100");
+    let given_up = server.get(&long);
+    let (main, corner) = (path("main", "2"), path("corner", "2"));
+    let (first, second, third, _) = tokio::join!(
+        server.get(&main),
+        server.get(&corner),
+        server.get(&main),
+        tokio::time::timeout(std::time::Duration::from_secs(1), given_up),
+    );
+    for picture in [first, second, third] {
+        assert_eq!((picture.status.as_u16(), picture.header("lumicast-done-by")), (200, "time"));
+    }
+    // The long one joins nobody, and nobody joins it.
+    assert_eq!((metrics.pictures.value(), metrics.pictures_joined.value()), (4, 2));
+    assert_eq!(metrics.pictures_lit.value(), 0);
+    assert_eq!(server.get(&path("corner", "0.4")).await.status, 200);
+    assert_eq!(metrics.pictures_lit.value(), 1);
+    server.stop().await;
+}
+
 /// Pictures asked for are bounded in number; one given up makes room.
 #[tokio::test]
 async fn too_many_pictures_at_once_are_refused() {

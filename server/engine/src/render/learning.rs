@@ -194,6 +194,29 @@ impl Rendering {
         Some(learner)
     }
 
+    /// It has what it learns its light with.
+    pub fn learns_by_itself(&self) -> bool {
+        self.learner.is_some()
+    }
+
+    /// Gives away what it learns its light with while others have their turn.
+    pub fn lend_learner(&mut self) -> Option<Learner> {
+        self.learner.take().map(|learner| *learner)
+    }
+
+    /// Goes on with what it learns its light with, and shows what became known meanwhile.
+    pub fn go_on_with(&mut self, learner: Learner) {
+        let shown = self.technique.secondary();
+        let is_shown = match (learner.known(), shown) {
+            (Some(known), Some(shown)) => Arc::ptr_eq(known, shown),
+            (known, _) => known.is_none(),
+        };
+        if !is_shown {
+            self.relight(learner.known().cloned(), Outdated::Rough);
+        }
+        self.learner = Some(Box::new(learner));
+    }
+
     /// What its light was learnt with, where it learns by itself.
     pub fn illumination(&self) -> Option<&Illumination> {
         self.learner.as_ref()?.illumination()

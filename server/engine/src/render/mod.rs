@@ -169,7 +169,7 @@ impl Rendering {
         match settings.learns(&plan) {
             Some(learnt) => {
                 let learner = Learner::new(learnt, &settings, illumination);
-                Rendering::learning_on((world, &plan), learner, (view, size), settings)
+                Rendering::learning_on((world, &plan), (learner, 0), (view, size), settings)
             }
             None => Rendering::with((world, &plan), view, size, settings, None),
         }
@@ -178,16 +178,28 @@ impl Rendering {
     /// The same, going on from what somebody else learnt of the world's light.
     ///
     /// - `plan`: of the world's scene
-    /// - `learner`: of what pictures with these settings [learn](RenderSettings::learns)
+    /// - `learner`: of what pictures with these settings [learn](RenderSettings::learns), and what it is to know the view by
     pub fn learning_on(
         (world, plan): (Arc<World>, &EffectPlan),
-        mut learner: Learner,
-        (view, size): (CameraView, PictureSize),
+        (mut learner, gaze): (Learner, u64),
+        seen: (CameraView, PictureSize),
         settings: RenderSettings,
     ) -> Rendering {
         learner.go_on_for(settings.learning);
         learner.look_away(|_| false);
-        learner.look(0, &view, size);
+        Rendering::learning_with((world, plan), (learner, gaze), seen, settings)
+    }
+
+    /// The same, beside others who look and for whom it goes on, in turn ([`Rendering::lend_learner`], [`Rendering::go_on_with`]).
+    ///
+    /// - `learner`: as above; none of the others is known to it by this name
+    pub fn learning_with(
+        (world, plan): (Arc<World>, &EffectPlan),
+        (mut learner, gaze): (Learner, u64),
+        (view, size): (CameraView, PictureSize),
+        settings: RenderSettings,
+    ) -> Rendering {
+        learner.look(gaze, &view, size);
         let known = learner.known().cloned();
         let rendering = Rendering::with((world, plan), view, size, settings, known);
         Rendering { learner: Some(Box::new(learner)), ..rendering }

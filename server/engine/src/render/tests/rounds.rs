@@ -172,7 +172,9 @@ fn who_goes_on_after_others_learns_as_much() {
         let learning = Learning::Alongside { until };
         let of = RenderSettings { indirect: Indirect::Auto, learning, ..RenderSettings::default() };
         let mut rendering = match learner {
-            Some(learner) => Rendering::learning_on((Arc::clone(world), &plan), learner, (view, size), of),
+            Some(learner) => {
+                Rendering::learning_on((Arc::clone(world), &plan), (learner, 0), (view, size), of)
+            }
             None => Rendering::learning_by((Arc::clone(world), settings(16_000, 3)), view, size, of),
         };
         for _ in 0..100_000 {
