@@ -7,6 +7,7 @@
 mod accel;
 mod film;
 mod irradiance;
+mod octree;
 mod path;
 
 #[cfg(test)]
@@ -15,6 +16,7 @@ mod tests;
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
 pub use film::{FILM_JOINED, FILM_KNOWN_BETTER, FILM_PER_DIFFERENCE, FILM_SHOW};
 pub use irradiance::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
+pub use octree::{OCTREE_SEARCH, OCTREE_WITHIN};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
     PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
@@ -44,6 +46,8 @@ pub static STEPS: &[&Step] = &[
     &PHOTONS_FLY,
     &IRRADIANCE_SEEN,
     &IRRADIANCE_RESOLVE,
+    &OCTREE_SEARCH,
+    &OCTREE_WITHIN,
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.
@@ -110,6 +114,19 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("SURFACE_MAX", Constant::F32(1e30)),
     ("LIGHT_MAX", Constant::F32(1e7)),
     ("VARIANCE_MAX", Constant::F32(1e16)),
+    ("GATHER_FLATNESS", Constant::F32(2.5)),
+    ("GATHER_FACING_COS", Constant::F32(0.5)),
+    ("GATHER_ALIKE_COS", Constant::F32(0.79)),
+    ("GATHER_ANY_COS", Constant::F32(-2.0)),
+    ("GATHER_AMPLE", Constant::F32(1.25)),
+    ("GATHER_GROWTH_MIN", Constant::F32(1.1)),
+    ("GATHER_GROWTH_MAX", Constant::F32(4.0)),
+    ("GATHER_GROWTH_BLIND", Constant::F32(2.0)),
+    ("GATHER_SMALL", Constant::F32(0.1)),
+    ("GATHER_FACING_MIN", Constant::U32(8)),
+    ("GATHER_TELLING", Constant::U32(8)),
+    ("WALLS_MAX", Constant::U32(6)),
+    ("FAR_M", Constant::F32(1e15)),
 ];
 
 /// A file of WGSL, of which steps are made.

@@ -19,7 +19,10 @@ use crate::{
         tests::{assert_same_layout, layout, numbers_of},
     },
     scene::TextureSlot,
-    technique::{GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT},
+    technique::{
+        GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
+        octree::GatherOnCard,
+    },
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
 
@@ -392,6 +395,7 @@ fn every_constant_of_the_proof_is_prepended() {
         .into_iter()
         .chain(ShowOnCard::constants())
         .chain(DenoiseOnCard::constants())
+        .chain(GatherOnCard::constants())
         .map(|(name, _)| name)
         .collect();
     let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
