@@ -7,14 +7,16 @@
 mod accel;
 mod film;
 mod irradiance;
+mod octree;
 mod path;
 
 #[cfg(test)]
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
-pub use film::FILM_SHOW;
+pub use film::{FILM_JOINED, FILM_KNOWN_BETTER, FILM_PER_DIFFERENCE, FILM_SHOW};
 pub use irradiance::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
+pub use octree::{OCTREE_SEARCH, OCTREE_WITHIN};
 pub use path::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
     PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
@@ -26,6 +28,9 @@ pub static STEPS: &[&Step] = &[
     &CLOSEST,
     &OCCLUDED,
     &FILM_SHOW,
+    &FILM_KNOWN_BETTER,
+    &FILM_PER_DIFFERENCE,
+    &FILM_JOINED,
     &PATH_BEGIN,
     &PATH_CLOSEST,
     &PATH_SHADE,
@@ -41,6 +46,8 @@ pub static STEPS: &[&Step] = &[
     &PHOTONS_FLY,
     &IRRADIANCE_SEEN,
     &IRRADIANCE_RESOLVE,
+    &OCTREE_SEARCH,
+    &OCTREE_WITHIN,
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.
@@ -85,6 +92,41 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("TONE_REINHARD", Constant::U32(1)),
     ("TONE_ACES", Constant::U32(2)),
     ("TONE_AGX", Constant::U32(3)),
+    ("DEVIATIONS", Constant::F32(2.0)),
+    ("PER_NORMAL", Constant::F32(25.0)),
+    ("PER_ALBEDO", Constant::F32(100.0)),
+    ("SLOPE", Constant::F32(1.5)),
+    ("DIFFERENCE_RED", Constant::F32(0.2126)),
+    ("DIFFERENCE_GREEN", Constant::F32(0.7152)),
+    ("DIFFERENCE_BLUE", Constant::F32(0.0722)),
+    ("WITHOUT_BOUND", Constant::F32(1e30)),
+    ("OWN_WEIGHT", Constant::F32(0.25)),
+    ("SIDE_WEIGHT", Constant::F32(0.125)),
+    ("CORNER_WEIGHT", Constant::F32(0.0625)),
+    ("NORMAL_PLANE", Constant::U32(0)),
+    ("ALBEDO_PLANE", Constant::U32(3)),
+    ("DEPTH_PLANE", Constant::U32(6)),
+    ("PER_DEPTH_PLANE", Constant::U32(7)),
+    ("SLOPE_PLANE", Constant::U32(8)),
+    ("SURFACE_PLANES", Constant::U32(10)),
+    ("LIGHT_PLANES", Constant::U32(4)),
+    ("MARGIN", Constant::U32(8)),
+    ("SURFACE_MAX", Constant::F32(1e30)),
+    ("LIGHT_MAX", Constant::F32(1e7)),
+    ("VARIANCE_MAX", Constant::F32(1e16)),
+    ("GATHER_FLATNESS", Constant::F32(2.5)),
+    ("GATHER_FACING_COS", Constant::F32(0.5)),
+    ("GATHER_ALIKE_COS", Constant::F32(0.79)),
+    ("GATHER_ANY_COS", Constant::F32(-2.0)),
+    ("GATHER_AMPLE", Constant::F32(1.25)),
+    ("GATHER_GROWTH_MIN", Constant::F32(1.1)),
+    ("GATHER_GROWTH_MAX", Constant::F32(4.0)),
+    ("GATHER_GROWTH_BLIND", Constant::F32(2.0)),
+    ("GATHER_SMALL", Constant::F32(0.1)),
+    ("GATHER_FACING_MIN", Constant::U32(8)),
+    ("GATHER_TELLING", Constant::U32(8)),
+    ("WALLS_MAX", Constant::U32(6)),
+    ("FAR_M", Constant::F32(1e15)),
 ];
 
 /// A file of WGSL, of which steps are made.

@@ -1,5 +1,5 @@
 //! What a graphics card does beside this machine's CPU: bare rays, what planes see, path-traced passes, passes that ask the light octree,
-//! records splatted, pictures shown, and what bringing a scene to the card costs.
+//! records splatted, pictures shown, noise taken off, density estimates, and what bringing a scene to the card costs.
 //!
 //! `cargo bench -p lumicast-tests --bench gpu [-- [--software] [--size WxH] [--rounds N] [SCENE[:CAMERA] …]]`; without scenes
 //! the built-in box and, where they are found, four of the shared ones. Prints one Markdown table; `LUMICAST_GPU_JSON=FILE` also
@@ -10,6 +10,10 @@
 
 #[path = "gpu/bare_rays.rs"]
 mod bare_rays;
+#[path = "gpu/denoised.rs"]
+mod denoised;
+#[path = "gpu/density.rs"]
+mod density;
 #[path = "gpu/figures.rs"]
 mod figures;
 #[path = "gpu/options.rs"]
@@ -92,6 +96,8 @@ fn measure_subject(
     upload::measure(subject, &gpu, options.rounds, &mut figures)?;
     bare_rays::measure(subject, &gpu, options.rounds, &mut figures)?;
     shown::measure(&gpu, size, options.rounds, &mut figures)?;
+    denoised::measure(&gpu, size, options.rounds, &mut figures)?;
+    density::measure(subject, &gpu, options.rounds, &mut figures)?;
     planes::measure(subject, &gpu, size, options.rounds, &mut figures)?;
     passes::measure(subject, &gpu, size, options.rounds, &mut figures)
 }

@@ -1,6 +1,6 @@
 //! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own, by the best
-//! chain there is. They learn of the light by themselves, in the time they have, and go on with what the scene keeps of it from the
-//! last who looked; what they know in the end is kept in turn.
+//! chain there is. They learn of the light by themselves, or together with others that are drawn at once (`request/shared.rs`), in the
+//! time they have, and go on with what the scene keeps of it from the last who looked; what they know in the end is kept in turn.
 
 mod shared;
 

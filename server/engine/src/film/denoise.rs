@@ -22,9 +22,12 @@ use std::sync::{Arc, OnceLock};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use self::{
-    kernel::{DEPTH, Joined, KnownBetter, PerDifference, SURFACE_PLANES, WITHOUT_BOUND},
-    planes::Planes,
+use self::kernel::{DEPTH, Joined, KnownBetter, PerDifference, SURFACE_PLANES, WITHOUT_BOUND};
+pub(crate) use self::planes::Planes;
+#[cfg(feature = "gpu")]
+pub(crate) use self::{
+    kernel::{NUMBERS, PLANES},
+    planes::MARGIN,
 };
 use super::{
     Film,
@@ -40,6 +43,9 @@ const PIXELS_TOGETHER: usize = 1024;
 const BELIEVED: u32 = 4;
 /// Added to albedos that light is divided by: black surfaces show none.
 const ALBEDO_LEAST: f32 = 0.01;
+/// Largest number that tells surfaces apart, far beyond any albedo or depth in metres: sums of single samples that are sound may leave the
+/// range of floats, and what is compared or multiplied must not be infinite.
+pub(crate) const SURFACE_MAX: f32 = 1e30;
 /// Share of a pixel's variance that stays beside what its weights say: they are told by the noise itself, and a pixel that is far off by
 /// chance keeps to itself. On an evenly lit sheet 9 to 10 % are left, of 4 to 64 samples, where fixed weights would leave 1; of 2, whose
 /// variance is taken for more, 6 %.
@@ -70,6 +76,51 @@ impl Denoising {
     pub(super) fn of(&self, film: &Film) -> &Denoised {
         self.0.get_or_init(|| Denoised::of(film))
     }
+
+    /// What something else than this machine's CPU finds of a film.
+    ///
+    /// - `join`: what [`Unjoined::joined`] does
+    #[cfg(feature = "gpu")]
+    pub(crate) fn found<E>(
+        film: &Film,
+        join: impl FnOnce(&Unjoined<'_>) -> Result<Planes, E>,
+    ) -> Result<Denoising, E> {
+        let filter = Filter::of(film, None);
+        let light = filter.light();
+        let joined = join(&filter.unjoined(&light))?;
+        Ok(Denoising(Arc::new(OnceLock::from(filter.denoised(&light, &joined)))))
+    }
+}
+
+/// Pixels before they are joined with those around.
+pub(crate) struct Unjoined<'a> {
+    /// What tells surfaces apart.
+    pub(crate) surfaces: &'a Planes,
+    /// Light over albedo by channel, as bright as one at most, or a hundred where it is black; last the variance of its luminance.
+    pub(crate) light: &'a Planes,
+    /// Its own variance is believed.
+    pub(crate) is_believed: bool,
+    /// Levels that pixels are joined at: at each those twice as far apart.
+    pub(crate) levels: usize,
+}
+
+impl Unjoined<'_> {
+    /// What is left when every pixel is joined with those around that are its like: light, and the variance of its luminance.
+    pub(crate) fn joined<const PLANES: usize>(&self) -> Planes {
+        let Unjoined { surfaces, light, is_believed, levels } = *self;
+        let mut light: Planes = light.made::<PLANES>(&KnownBetter { surfaces, light, is_believed });
+        for level in 0..levels {
+            let per_difference = light.made(&PerDifference { light: &light });
+            let step = 1 << level;
+            light = light.made::<PLANES>(&Joined {
+                surfaces,
+                light: &light,
+                per_difference: &per_difference,
+                step,
+            });
+        }
+        light
+    }
 }
 
 impl Denoised {
@@ -89,7 +140,7 @@ const NO_SURFACE: f32 = 1e10;
 
 /// Colours of light, and planes of it with its variance, alone and with carried light.
 const CHANNELS: usize = 3;
-const ALONE: usize = CHANNELS + 1;
+pub(crate) const ALONE: usize = CHANNELS + 1;
 const WITH_CARRIED: usize = 2 * CHANNELS + 1;
 
 /// What is seen in a pixel.
@@ -146,9 +197,9 @@ impl Seen {
             carried: class.filter(|class| filtered(*class)).map_or(Rgb::BLACK, |class| sum(&[class])),
             variance: (spread - own) / passes + own / fewest,
             is_shining,
-            albedo: pixel.albedo_sum / held.passes as f32,
+            albedo: (pixel.albedo_sum / held.passes as f32).map(|channel| channel.min(SURFACE_MAX)),
             normal: pixel.normal_sum.normalize_or_zero(),
-            depth_m: pixel.depth_mean_m(),
+            depth_m: pixel.depth_mean_m().min(SURFACE_MAX),
         }
     }
 
@@ -187,29 +238,28 @@ impl Filter {
 
     fn run(&self) -> Denoised {
         if self.carries {
-            self.run_with::<WITH_CARRIED>(&self.light_and_carried())
+            let before = self.light_and_carried();
+            self.denoised(&before, &self.unjoined(&before).joined::<WITH_CARRIED>())
         } else {
-            self.run_with::<ALONE>(&self.light())
+            let before = self.light();
+            self.denoised(&before, &self.unjoined(&before).joined::<ALONE>())
         }
     }
 
-    fn run_with<const PLANES: usize>(&self, before: &Planes) -> Denoised {
-        let told = if self.carries { CHANNELS } else { 0 };
-        let surfaces = &self.surfaces;
-        let is_believed = self.passes >= BELIEVED;
-        let mut light: Planes = before.made::<PLANES>(&KnownBetter { surfaces, light: before, is_believed });
-        for level in 0..if self.passes > 0 { LEVELS } else { 0 } {
-            let per_difference = light.made(&PerDifference { light: &light });
-            let step = 1 << level;
-            light = light.made::<PLANES>(&Joined {
-                surfaces,
-                light: &light,
-                per_difference: &per_difference,
-                step,
-            });
+    fn unjoined<'a>(&'a self, light: &'a Planes) -> Unjoined<'a> {
+        Unjoined {
+            surfaces: &self.surfaces,
+            light,
+            is_believed: self.passes >= BELIEVED,
+            levels: if self.passes > 0 { LEVELS } else { 0 },
         }
+    }
+
+    /// What joining light brings.
+    fn denoised(&self, before: &Planes, after: &Planes) -> Denoised {
+        let told = if self.carries { CHANNELS } else { 0 };
         let change = self.seen.par_iter().enumerate().with_min_len(PIXELS_TOGETHER).map(|(index, seen)| {
-            let (after, before, divisor) = (light.place(index), before.place(index), seen.divisor());
+            let (after, before, divisor) = (after.place(index), before.place(index), seen.divisor());
             let channel = |c: usize| {
                 let change = after.at(told + c) - before.at(told + c);
                 (f64::from(change) * f64::from(divisor[c]) / self.scale) as f32
@@ -217,7 +267,7 @@ impl Filter {
             Rgb::new(channel(0), channel(1), channel(2))
         });
         let change = change.collect();
-        let (variance, noise_left) = self.noise_left(&light);
+        let (variance, noise_left) = self.noise_left(after);
         Denoised { change, variance, noise_left }
     }
 

@@ -8,7 +8,7 @@
 //! Imports `math`, `scene` and `transport` only. The tiling and the separation of sums from display follow
 //! pbrt's film; the two independent halves are those of [Rousselle2012].
 
-mod denoise;
+pub(crate) mod denoise;
 mod error;
 mod gauged;
 mod measured;

@@ -22,6 +22,9 @@ pub struct Batch {
     submitted: Arc<OnceLock<wgpu::SubmissionIndex>>,
 }
 
+/// How a batch begins: with a clock or without.
+pub(super) type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
+
 /// Two readings of the device's clock.
 #[derive(Debug)]
 struct Clock {
@@ -248,6 +251,13 @@ impl Submission {
     /// Errors: [`GpuError::TimedOut`] after the options' `seconds_max`, [`GpuError::Lost`], [`GpuError::Failed`].
     pub fn wait(&self) -> Result<(), GpuError> {
         self.session.wait_for(&self.index, &self.name)
+    }
+
+    /// [`Submission::gpu_seconds`], for which only what is timed is waited for.
+    ///
+    /// Errors: as [`Submission::wait`].
+    pub(super) fn gpu_seconds_if_timed(self) -> Result<Option<f64>, GpuError> {
+        if self.ticks.is_none() { Ok(None) } else { self.gpu_seconds() }
     }
 
     /// Waits until it is done, and returns the seconds it took on the device's clock; `None` for batches that are not

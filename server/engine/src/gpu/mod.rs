@@ -1,6 +1,6 @@
 //! The graphics card: adapter, device, buffers with byte bounds, pipelines, batches of work, reading back, loss.
 //!
-//! Imports `accel` for the packed trees and `film` for pictures that are shown; wgpu is named only here and in the rooms' `gpu.rs`. Shaders come from the crate
+//! Imports `accel` for the packed trees and `film` for pictures that are shown and noise that is taken off them; wgpu is named only here and in the rooms' `gpu.rs`. Shaders come from the crate
 //! `lumicast-shaders`. Why [`Gpu`] and [`Session`] are two: a device can be lost at any time (driver update, watchdog,
 //! a card that is pulled), and all its buffers with it. A `Session` is one device and lives until then; [`Gpu::session`]
 //! opens the next. Whoever holds buffers compares [`Session::generation`] and uploads again.
@@ -10,6 +10,7 @@
 mod adapter;
 mod batch;
 mod buffer;
+mod denoise;
 mod error;
 mod pipeline;
 mod raster;
@@ -23,6 +24,7 @@ mod trees;
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReason, AdapterReport};
 pub use batch::{Batch, Submission};
 pub use buffer::{BindGroup, Binding, Buffer, Layout};
+pub use denoise::{DenoiseOnCard, DenoisedOnCard};
 pub use error::GpuError;
 pub use lumicast_shaders::{Constant, Overlap, Part, Raster, Step};
 pub use pipeline::Pipeline;

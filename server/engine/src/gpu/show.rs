@@ -17,7 +17,7 @@ use std::{ops::Range, sync::Arc};
 use bytemuck::{Pod, Zeroable};
 use lumicast_shaders::{Constant, FILM_SHOW};
 
-use super::{Batch, Binding, Buffer, GpuError, Layout, Pipeline, Session};
+use super::{Binding, Buffer, GpuError, Layout, Pipeline, Session, batch::Begin};
 use crate::{
     film::{Display, Fit, PictureParts, RADIANCE_MAX, TILE_SIDE, ToneMap},
     math::Rgb,
@@ -93,9 +93,6 @@ pub struct ShowOnCard {
     layout: Arc<Layout>,
     pixels_at_once: usize,
 }
-
-/// How a batch begins: with a clock or without.
-type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
 
 impl ShowOnCard {
     /// What the step is compiled with.

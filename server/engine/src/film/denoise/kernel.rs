@@ -30,6 +30,37 @@ pub(super) const SURFACE_PLANES: usize = 10;
 /// Weight of a pixel itself in what is joined; with those around it is one.
 const OWN_WEIGHT: f32 = 0.25;
 
+/// Weights of others before surfaces or light are looked at: of those diagonally off, and of those beside.
+const CORNER_WEIGHT: f32 = 0.0625;
+const SIDE_WEIGHT: f32 = 0.125;
+
+/// The numbers above by name, for shaders that compute the same.
+#[cfg(feature = "gpu")]
+pub(crate) const NUMBERS: [(&str, f32); 11] = [
+    ("DEVIATIONS", DEVIATIONS),
+    ("PER_NORMAL", 1.0 / (NORMAL * NORMAL)),
+    ("PER_ALBEDO", 1.0 / (ALBEDO * ALBEDO)),
+    ("SLOPE", SLOPE),
+    ("DIFFERENCE_RED", LUMINANCE[0]),
+    ("DIFFERENCE_GREEN", LUMINANCE[1]),
+    ("DIFFERENCE_BLUE", LUMINANCE[2]),
+    ("WITHOUT_BOUND", WITHOUT_BOUND),
+    ("OWN_WEIGHT", OWN_WEIGHT),
+    ("SIDE_WEIGHT", SIDE_WEIGHT),
+    ("CORNER_WEIGHT", CORNER_WEIGHT),
+];
+
+/// The planes above by name: of three numbers or two the first.
+#[cfg(feature = "gpu")]
+pub(crate) const PLANES: [(&str, usize); 6] = [
+    ("NORMAL_PLANE", NORMAL_PLANES[0]),
+    ("ALBEDO_PLANE", ALBEDO_PLANES[0]),
+    ("DEPTH_PLANE", DEPTH_PLANE),
+    ("PER_DEPTH_PLANE", PER_DEPTH_PLANE),
+    ("SLOPE_PLANE", SLOPE_PLANES[0]),
+    ("SURFACE_PLANES", SURFACE_PLANES),
+];
+
 /// Others around each pixel of a row.
 struct Beside {
     /// Their row.
@@ -45,14 +76,14 @@ struct Beside {
 
 /// The eight others around a pixel: by row and column before, here and after, with their weights.
 const OTHERS: [([usize; 2], f32); 8] = [
-    ([0, 0], 0.0625),
-    ([0, 1], 0.125),
-    ([0, 2], 0.0625),
-    ([1, 0], 0.125),
-    ([1, 2], 0.125),
-    ([2, 0], 0.0625),
-    ([2, 1], 0.125),
-    ([2, 2], 0.0625),
+    ([0, 0], CORNER_WEIGHT),
+    ([0, 1], SIDE_WEIGHT),
+    ([0, 2], CORNER_WEIGHT),
+    ([1, 0], SIDE_WEIGHT),
+    ([1, 2], SIDE_WEIGHT),
+    ([2, 0], CORNER_WEIGHT),
+    ([2, 1], SIDE_WEIGHT),
+    ([2, 2], CORNER_WEIGHT),
 ];
 
 impl Beside {

@@ -13,12 +13,12 @@ pub(super) trait OfEight<const COUNT: usize>: Sync {
 }
 
 /// Columns on either side of a picture that can be read as others are: no step is longer.
-pub(super) const MARGIN: usize = 8;
+pub(crate) const MARGIN: usize = 8;
 
 /// Numbers of every pixel: rows top to bottom, in each one plane after the other, in each of them the pixels of the row between margins.
 /// The margin on the right is wider where the width is no multiple of eight.
 #[derive(Clone, Debug)]
-pub(super) struct Planes {
+pub(crate) struct Planes {
     width: usize,
     rows: usize,
     count: usize,
@@ -33,7 +33,7 @@ impl Planes {
     }
 
     /// Of the pixels' numbers, row by row; the margins hold others.
-    pub(super) fn of<T: Sync, const COUNT: usize>(
+    pub(crate) fn of<T: Sync, const COUNT: usize>(
         width: usize,
         pixels: &[T],
         margins: f32,
@@ -81,24 +81,52 @@ impl Planes {
 
     /// Where the numbers of a pixel are.
     #[inline]
-    pub(super) fn place(&self, index: usize) -> Place<'_> {
+    pub(crate) fn place(&self, index: usize) -> Place<'_> {
         let (y, x) = (index / self.width, index % self.width);
         Place { planes: self, first: y * self.count * self.stride + MARGIN + x }
     }
 
-    pub(super) fn rows(&self) -> usize {
+    /// Others of the same pixels and as many numbers of each, read from what lies as they do.
+    ///
+    /// - `numbers`: of all rows, as [`Planes::of_rows`] has them
+    #[cfg(feature = "gpu")]
+    pub(crate) fn of_numbers(&self, numbers: Vec<f32>) -> Planes {
+        assert_eq!(numbers.len(), self.numbers.len(), "numbers of all pixels");
+        Planes { numbers, ..*self }
+    }
+
+    /// The numbers of some rows as they lie: `[rows × count × stride]`.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn of_rows(&self, rows: std::ops::Range<usize>) -> &[f32] {
+        let of_row = self.count * self.stride;
+        &self.numbers[rows.start * of_row..rows.end * of_row]
+    }
+
+    /// Numbers from the beginning of one plane of a row to that of the next.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// Pixels of a row.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn width(&self) -> usize {
+        self.width
+    }
+
+    pub(crate) fn rows(&self) -> usize {
         self.rows
     }
 
     /// Numbers of a pixel.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.count
     }
 }
 
 /// The numbers of a pixel.
 #[derive(Clone, Copy)]
-pub(super) struct Place<'a> {
+pub(crate) struct Place<'a> {
     planes: &'a Planes,
     first: usize,
 }
@@ -106,7 +134,7 @@ pub(super) struct Place<'a> {
 impl Place<'_> {
     /// That of a plane.
     #[inline]
-    pub(super) fn at(self, plane: usize) -> f32 {
+    pub(crate) fn at(self, plane: usize) -> f32 {
         self.planes.numbers[self.first + plane * self.planes.stride]
     }
 }

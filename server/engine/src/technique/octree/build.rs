@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::{
     LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
+    gathers::{Gathers, LIFT_CELLS, LOOK_CELLS, key_of},
     harmonics::Harmonics,
     lights::{self, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
@@ -16,19 +17,13 @@ use super::{
 };
 use crate::{
     accel::Ray,
-    math::sobol::mix,
-    technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId, WallSearch, Walls},
+    technique::{ChangedPhotons, Gather, GatherBounds, MAPPED, PhotonProduct, SideId, Walls},
     transport::{PathClass, World},
 };
 
 /// Cells built in one step: some 3 ms on two threads, and 30 of the coarsest in scenes of many triangles, where pictures wait for it after
 /// edits: of 1,024 it takes 0.2 s.
 const STEP_CELLS: usize = 128;
-
-/// What stands up less from a surface is no wall, in sides of a cell.
-const LIFT_CELLS: f32 = 0.25;
-/// Walls are looked for at least so far, in sides of a cell: from the middle of a cell to its corners, and half a blur on.
-const LOOK_CELLS: f32 = 1.5;
 
 /// Where so many photons would fall in even light and none does, it is dark.
 const DARK_COUNT: f32 = 8.0;
@@ -247,7 +242,7 @@ impl Building {
             .zip(sets)
             .map(|(place, set)| {
                 counts.gathered += 1;
-                self.light_of_set(world, set, mix(u64::from(code) << 8 | place), bench, &mut counts)
+                self.light_of_set(world, set, key_of(code, place), bench, &mut counts)
             })
             .collect();
         (light, counts)
@@ -272,7 +267,7 @@ impl Building {
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && old.is_alone == new.is_alone
                 && same_sides(old, new)
-                && !reused.is_moved_within(self.look_m(), new.centre)
+                && !reused.is_moved_within(self.gathers().look_m(), new.centre)
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
                     reused.changed.is_within(class, sides, light.reach_m[class], new.centre)
@@ -299,18 +294,9 @@ impl Building {
             return SetLight::dark(self.radius_max_m);
         }
         let start = Instant::now();
-        let walls = Walls::around(world.accel(), &self.search_around(set, key));
+        let bounds = self.gathers().bounds_of(world, set, key);
+        let walls = bounds.walls;
         counts.gather_seconds += start.elapsed().as_secs_f64();
-        let bounds = GatherBounds {
-            centre: set.centre,
-            normal: set.normal,
-            radius_m: self.settings.radius_cells * self.voxels.cube.cell_m(),
-            count_min: self.settings.neighbours_min,
-            count_max: self.settings.neighbours_max,
-            radius_max_m: self.radius_max_m,
-            count_narrow: self.settings.neighbours_narrow,
-            walls,
-        };
         let mut light = SetLight {
             is_alone: set.is_alone,
             walls: NearWalls::of(&walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
@@ -365,21 +351,8 @@ impl Building {
         self.settings.neighbours_min.get() as f32 * area_m2 / (std::f32::consts::PI * even_m * even_m)
     }
 
-    fn search_around(&self, set: &VoxelSet, key: u64) -> WallSearch {
-        let cell_m = self.voxels.cube.cell_m();
-        WallSearch {
-            middle: set.centre,
-            normal: set.normal,
-            lift_m: LIFT_CELLS * cell_m,
-            radius_m: self.look_m() - LIFT_CELLS * cell_m,
-            turn: mix(key) as u32 as f32 / u32::MAX as f32,
-        }
-    }
-
-    /// How far a group looks around itself for walls: as far as its gather may reach, or look-ups near it.
-    fn look_m(&self) -> f32 {
-        let cell_m = self.voxels.cube.cell_m();
-        self.radius_max_m.max(LOOK_CELLS * cell_m) + LIFT_CELLS * cell_m
+    fn gathers(&self) -> Gathers<'_> {
+        Gathers { voxels: &self.voxels, settings: &self.settings, radius_max_m: self.radius_max_m }
     }
 
     /// What keeps each group from others with other light.

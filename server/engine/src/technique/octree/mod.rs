@@ -16,6 +16,9 @@
 mod build;
 mod cluster;
 mod drawing;
+mod gathers;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod harmonics;
 mod lights;
 mod look_up;
@@ -32,7 +35,11 @@ use std::{
 
 use glam::Vec4;
 
-pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
+#[cfg(feature = "gpu")]
+pub use self::gpu::{AskedGather, GatherOnCard, MapsOnCard};
+pub use self::{
+    build::BuildCounts, cluster::Vdl, gathers::OctreeGather, harmonics::Harmonics, pack::PackedVdl,
+};
 
 use self::{
     build::Building,

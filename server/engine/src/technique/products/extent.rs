@@ -3,8 +3,15 @@
 //! Every node knows the area of its triangles, a sphere around them and a cone around their normals: what lies within the
 //! gather and faces its normal as a whole is added as a whole, and only triangles at the rim are cut.
 
+#[cfg(feature = "gpu")]
+mod pack;
+
 use glam::Vec3;
 
+#[cfg(feature = "gpu")]
+pub(super) use self::pack::PackedExtents;
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use self::pack::{GpuExtentNode, GpuFace};
 use super::{
     gather::{FLATNESS, GatherBounds, Reach},
     patch,
@@ -12,9 +19,9 @@ use super::{
 
 /// Some piece of surface, as light from afar sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Facets {
+pub(in crate::technique) struct Facets {
     /// Its area, m².
-    pub(super) area_m2: f32,
+    pub(in crate::technique) area_m2: f32,
     /// Sum of its parts' normals times their areas, m².
     pub(super) facing_m2: Vec3,
     /// Sum of the squares of its parts' normals times their areas, by axis, m² …
@@ -91,7 +98,7 @@ const LEAF_COUNT: usize = 4;
 
 /// Pieces of surface that reach at most so far, in radii of the gather, are not cut at its rim: they count by how far in
 /// they lie. There are many of them, some too much and some too little.
-const SMALL: f32 = 0.1;
+pub(super) const SMALL: f32 = 0.1;
 
 /// A triangle as its surface sees it, in render space.
 #[derive(Clone, Copy, Debug)]

@@ -13,11 +13,18 @@
 //! keeps the spot of light beside a dark wall off the wall, where few photons would draw the radius into the spot. Nothing counts
 //! beyond walls that the caller names (`walls.rs`).
 
+#[cfg(feature = "gpu")]
+mod found;
+
 use std::{cmp::Ordering, num::NonZeroUsize, sync::Arc};
 
 use glam::Vec3;
 use kiddo::SquaredEuclidean;
 
+#[cfg(feature = "gpu")]
+pub use self::found::FoundPhotons;
+#[cfg(feature = "gpu")]
+pub(in crate::technique) use self::found::{COUNTS, FAR_M, NEAR_M, NUMBERS};
 use super::{
     extent::Facets,
     map::{MAPPED, MapPhoton, PhotonMaps, SideMap},
@@ -164,7 +171,7 @@ impl GatherBounds {
     }
 
     /// From the middle to a point in the space in which the ellipsoid of the gather is a sphere, m.
-    pub(super) fn flattened_from(&self, p: Vec3) -> Vec3 {
+    pub(in crate::technique) fn flattened_from(&self, p: Vec3) -> Vec3 {
         let from = p - self.centre;
         from + self.normal * ((FLATNESS - 1.0) * self.normal.dot(from))
     }
@@ -177,33 +184,28 @@ impl PhotonMaps {
     ///
     /// - `sides`: `[n]`, each once, ascending
     pub fn gather(&self, class: PathClass, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
-        gather.photons.clear();
-        gather.near.clear();
-        gather.dark_m2 = None;
-        gather.facets = Facets::default();
-        gather.radius_m = 0.0;
-        gather.reach_m = 0.0;
-        let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { return };
-        if class == 0 {
-            gather.dark.clear();
-        }
+        let Some(class) = gather.begin(class) else { return };
         if !(bounds.radius_max_m > 0.0) {
             return;
         }
-        let maps = &self.sides[class];
         self.search(class, sides, bounds, gather);
+        self.estimate(class, sides, bounds, gather);
+    }
+
+    /// What the photons say that a search found.
+    fn estimate(&self, class: usize, sides: &[SideId], bounds: &GatherBounds, gather: &mut Gather) {
+        let maps = &self.sides[class];
+        let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
         if gather.near.is_empty() {
             if gather.behind_count > 0 {
-                let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
-                let before = sides.iter().map(|side| self.surfaces.within(*side, bounds, reach).area_m2);
-                gather.dark_m2 = Some(before.sum());
+                self.look_at_sides(sides, bounds, reach, gather);
+                gather.dark_m2 = Some(gather.of_sides.iter().map(|facets| facets.area_m2).sum());
             }
             return;
         }
         // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
         // far away.
         gather.near.sort_unstable_by_key(Near::name);
-        let reach = Reach { radius_m: gather.radius_m, facing_cos: gather.facing_cos };
         self.measure_sides(class, sides, bounds, reach, gather);
         if !(gather.facets.area_m2 > 0.0) {
             return;
@@ -255,6 +257,13 @@ impl PhotonMaps {
         gather.close_in(if is_early { count } else { count_max });
     }
 
+    /// What of some sides lies within reach, unless that was found with the photons.
+    fn look_at_sides(&self, sides: &[SideId], bounds: &GatherBounds, reach: Reach, gather: &mut Gather) {
+        if gather.of_sides.is_empty() {
+            gather.of_sides.extend(sides.iter().map(|side| self.surfaces.within(*side, bounds, reach)));
+        }
+    }
+
     /// Area of the surfaces of some sides within reach, of both sides of a surface where both are asked for, since the
     /// photons of both count; but of none that next to no photon falls on where many would if all were lit alike. Such are
     /// mostly the insides of walls, shells and vaults, which nobody sees, and which would take their share of the light.
@@ -267,8 +276,7 @@ impl PhotonMaps {
         reach: Reach,
         gather: &mut Gather,
     ) {
-        gather.of_sides.clear();
-        gather.of_sides.extend(sides.iter().map(|side| self.surfaces.within(*side, bounds, reach)));
+        self.look_at_sides(sides, bounds, reach, gather);
         let all_m2 = gather.of_sides.iter().map(|facets| facets.area_m2).sum::<f32>();
         let per_m2 = gather.near.len() as f32 / all_m2;
         for (place, id) in sides.iter().enumerate() {
@@ -412,6 +420,23 @@ impl Near {
 }
 
 impl Gather {
+    /// Forgets what was gathered before; `None` for classes without maps.
+    fn begin(&mut self, class: PathClass) -> Option<usize> {
+        self.photons.clear();
+        self.near.clear();
+        self.of_sides.clear();
+        self.behind_count = 0;
+        self.dark_m2 = None;
+        self.facets = Facets::default();
+        self.radius_m = 0.0;
+        self.reach_m = 0.0;
+        let class = MAPPED.iter().position(|mapped| *mapped == class)?;
+        if class == 0 {
+            self.dark.clear();
+        }
+        Some(class)
+    }
+
     /// Leaves out what faces another way. In a fold only a few may face the right way: one of them on a triangle the size of a
     /// pinhead would outshine everything. Then all count, and so does all the area.
     ///

@@ -8,6 +8,8 @@ mod gather;
 mod guide;
 mod map;
 mod packed;
+#[cfg(feature = "gpu")]
+mod packed_maps;
 mod patch;
 mod surfaces;
 mod touched;
@@ -41,8 +43,22 @@ pub use self::{
     walls::{WallSearch, Walls},
 };
 
+#[cfg(feature = "gpu")]
+pub use self::gather::FoundPhotons;
 #[cfg(test)]
 pub(in crate::technique) use self::guide::samples_of_guides;
+#[cfg(feature = "gpu")]
+pub(in crate::technique) use self::{
+    extent::Facets,
+    gather::{COUNTS as GATHER_COUNTS, FAR_M, NEAR_M, NUMBERS as GATHER_NUMBERS},
+    packed_maps::PackedMaps,
+    walls::DIRECTIONS as WALLS_MAX,
+};
+#[cfg(all(test, feature = "gpu"))]
+pub(in crate::technique) use self::{
+    extent::{GpuExtentNode, GpuFace},
+    packed_maps::{GpuMapPhoton, GpuPhotonNode},
+};
 
 use super::{Card, Counts, View};
 use crate::{

@@ -7,6 +7,8 @@ use std::{collections::HashMap, sync::Arc};
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
+#[cfg(feature = "gpu")]
+use super::extent::PackedExtents;
 use super::{
     crease::CreaseSurfaces,
     extent::{Extent, Facets},
@@ -162,6 +164,18 @@ impl Surfaces {
             sides.extend((0..2 * instance.crease.count()).map(|side| Some(SideId(first? + side))));
         }
         sides
+    }
+
+    /// All surfaces, packed for gathers on a graphics card.
+    #[cfg(feature = "gpu")]
+    pub(super) fn packed(&self) -> PackedExtents {
+        let mut packed = PackedExtents::default();
+        for of_instance in &self.instances {
+            for surface in &of_instance.surfaces {
+                surface.pack(|triangle| corners(&of_instance.instance, triangle), &mut packed);
+            }
+        }
+        packed
     }
 
     /// Memory.

@@ -15,7 +15,7 @@ use crate::{
 
 /// Directions along the surface in which walls are looked for, and planes of a gather at most. Of eight, dragon-room, Sponza and
 /// Sibenik's octrees took as long and were as good.
-const DIRECTIONS: usize = 6;
+pub(in crate::technique) const DIRECTIONS: usize = 6;
 /// Cosine between the normals of a surface and of what stands up from it, at most: what leans less is surface of its own.
 const STANDS_COS: f32 = 0.5;
 /// Cosine between a ray and the normal of the wall it meets, at least: what is met more flatly lies farther off than its plane, which
@@ -94,7 +94,7 @@ impl Walls {
     }
 
     /// How far behind the wall that it is farthest behind a point lies, negative before all, m.
-    pub(super) fn behind_m(&self, from_middle: Vec3) -> f32 {
+    pub(in crate::technique) fn behind_m(&self, from_middle: Vec3) -> f32 {
         self.planes().iter().map(|wall| wall.behind_m(from_middle)).fold(f32::NEG_INFINITY, f32::max)
     }
 

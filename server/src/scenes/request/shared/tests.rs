@@ -100,11 +100,12 @@ fn pictures_at_once_have_one_learner() {
     assert_eq!(studio.holders(), [2]);
     let (mut turns, mut lit_at) = (0, [None; 3]);
     while lit_at.contains(&None) {
-        for index in 0..3 {
+        for index in [0, 1, 2] {
             studio.turn_of(index);
             assert_eq!(studio.holders(), [index]);
+            let lit_at: &mut Option<u32> = &mut lit_at[index];
             if studio.drawings[index].rendering.looks_up() {
-                lit_at[index] = lit_at[index].or(Some(turns));
+                *lit_at = lit_at.or(Some(turns));
             }
             turns += 1;
         }

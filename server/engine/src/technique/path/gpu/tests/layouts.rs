@@ -15,11 +15,14 @@ use super::{
 };
 use crate::{
     gpu::{
-        ShowOnCard,
+        DenoiseOnCard, ShowOnCard,
         tests::{assert_same_layout, layout, numbers_of},
     },
     scene::TextureSlot,
-    technique::{GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT},
+    technique::{
+        GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
+        octree::GatherOnCard,
+    },
     transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
 
@@ -380,7 +383,8 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     }
 }
 
-/// Steps are compiled with every constant that the proof of the shaders names: paths with those of scenes and shading, pictures with theirs.
+/// Steps are compiled with every constant that the proof of the shaders names: paths with those of scenes and shading, pictures and the
+/// noise filter with theirs.
 #[test]
 fn every_constant_of_the_proof_is_prepended() {
     let Some(gpu) = shared() else { return };
@@ -390,11 +394,13 @@ fn every_constant_of_the_proof_is_prepended() {
         .constants_of_shade(PathStart::Rays, Shading::default())
         .into_iter()
         .chain(ShowOnCard::constants())
+        .chain(DenoiseOnCard::constants())
+        .chain(GatherOnCard::constants())
         .map(|(name, _)| name)
         .collect();
     let mut proved: Vec<_> = PROOF_CONSTANTS.iter().map(|(name, _)| *name).collect();
     names.sort_unstable();
-    // Both are compiled for workgroups.
+    // All are compiled for workgroups.
     names.dedup();
     proved.sort_unstable();
     assert_eq!(names, proved);
