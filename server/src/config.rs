@@ -195,7 +195,7 @@ settings! {
     log_bytes: u64 = 64 << 20;
 
     /// Pictures asked for by `GET frame` at once, per scene; beyond it: 503 with Retry-After.
-    frame_requests: u32 = 4;
+    frame_requests: u32 = 8;
     /// Longest time that `GET frame` renders, whatever it asks for.
     frame_seconds_max: f64 = 120.0;
     /// How long `GET frame` renders when it names neither error nor time.

@@ -58,6 +58,12 @@ impl Gauge {
         self.0.fetch_add(change, Relaxed);
     }
 
+    /// Up by that much, unless it were above `limit` then; true if it is.
+    pub fn add_within(&self, change: i64, limit: i64) -> bool {
+        let sum = |value: i64| Some(value.saturating_add(change)).filter(|sum| *sum <= limit);
+        self.0.fetch_update(Relaxed, Relaxed, sum).is_ok()
+    }
+
     /// Where it is.
     pub fn value(&self) -> i64 {
         self.0.load(Relaxed)

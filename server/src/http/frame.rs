@@ -25,7 +25,7 @@ pub(super) struct FrameQuery {
     exposure_ev: Option<f32>,
 }
 
-/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`), and learns together with those that are being drawn and have about as long to go.
+/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`), and learns together with those that are being drawn.
 #[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
     params(
         ("id" = String, Path, description = "Scene"),
@@ -89,26 +89,36 @@ pub(super) async fn get(
     Ok(response)
 }
 
-fn bad(field: &'static str, reason: impl std::fmt::Display) -> HttpProblem {
-    HttpProblem::new(ProblemKind::ValueRefused, format!("parameter `{field}`: {reason}")).at_field(field)
+/// - `value`: as it was asked for
+/// - `reason`: what it may be
+fn bad(field: &'static str, value: impl std::fmt::Display, reason: impl std::fmt::Display) -> HttpProblem {
+    // Whoever sent something long knows it by its beginning.
+    let value: String = value.to_string().chars().take(40).collect();
+    HttpProblem::new(ProblemKind::ValueRefused, format!("parameter `{field}` is {value:?}: {reason}"))
+        .at_field(field)
 }
 
 fn request_of(query: FrameQuery, config: &Config) -> Result<PictureRequest, HttpProblem> {
     let exposure_ev = query.exposure_ev.unwrap_or(0.0);
     if !(exposure_ev.abs() <= 32.0) {
-        return Err(bad("exposure_ev", "from −32 to 32"));
+        return Err(bad("exposure_ev", exposure_ev, "from −32 to 32 stops"));
     }
-    let tone_map = query.tone_map.as_deref().map_or(Ok(ToneMap::Aces), str::parse);
+    let tone_map = match query.tone_map.as_deref() {
+        None => ToneMap::Aces,
+        Some(name) => {
+            name.parse().map_err(|_| bad("tone_map", name, ToneMap::ALL.map(ToneMap::name).join(", ")))?
+        }
+    };
     Ok(PictureRequest {
         size: query.size.map(|text| size_of(&text, config)).transpose()?,
         format: match query.format.as_deref() {
             None | Some("png") => PictureFormat::Png,
             Some("jpeg" | "jpg") => PictureFormat::Jpeg,
             Some("exr") => PictureFormat::Exr,
-            Some(_) => return Err(bad("format", "png, jpeg or exr")),
+            Some(format) => return Err(bad("format", format, "png, jpeg or exr")),
         },
         until: until_of(query.error.as_deref(), query.time.as_deref(), config)?,
-        tone_map: tone_map.map_err(|error| bad("tone_map", error))?,
+        tone_map,
         exposure_ev,
         camera: query.camera,
     })
@@ -121,9 +131,9 @@ fn size_of(text: &str, config: &Config) -> Result<PictureSize, HttpProblem> {
         Some((width, height))
             if (1..=width_max.into()).contains(&width) && (1..=height_max.into()).contains(&height) =>
         {
-            PictureSize::new(width, height).map_err(|error| bad("size", error))
+            PictureSize::new(width, height).map_err(|error| bad("size", text, error))
         }
-        _ => Err(bad("size", format!("WxH from 1x1 to {width_max}x{height_max}, such as 640x360"))),
+        _ => Err(bad("size", text, format!("WxH from 1x1 to {width_max}x{height_max}, such as 640x360"))),
     }
 }
 
@@ -144,7 +154,7 @@ fn error_of(text: &str) -> Result<f64, HttpProblem> {
         // Addresses write the percent sign as %25.
         let meant = Accuracy::percent_meant(text).map(|meant| format!("; did you mean {meant}25?"));
         let must = "a fraction from 0.000001 on and below 1, or percent, such as 0.02 or 2%, or converged";
-        bad("error", format!("{must}{}", meant.unwrap_or_default()))
+        bad("error", text, format!("{must}{}", meant.unwrap_or_default()))
     };
     Accuracy::read_target(text).ok_or_else(no_error)
 }
@@ -156,6 +166,6 @@ fn time_of(text: &str, seconds_max: f64) -> Result<Duration, HttpProblem> {
     };
     match number.parse::<f64>().map(|number| number * unit) {
         Ok(seconds) if seconds > 0.0 && seconds <= seconds_max => Ok(Duration::from_secs_f64(seconds)),
-        _ => Err(bad("time", format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
+        _ => Err(bad("time", text, format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
     }
 }

@@ -353,17 +353,29 @@ impl Lighting {
         self.expires_at = self.lit.values().filter_map(|lit| lit.left).min().map(|at| at + kept);
     }
 
-    /// Counts what is kept, and drops what was left longest where all scenes together would keep too much. Nobody learns anything with it
-    /// meanwhile: it stays as large as it is.
+    /// Counts what is kept. Where all scenes together would keep too much, this one drops what was left longest, in the end what was left
+    /// last. Nobody learns anything with it meanwhile: it stays as large as it is.
     fn count_kept(&mut self, workshop: &Arc<Workshop>) {
-        for lit in self.lit.values_mut().filter(|lit| lit.left.is_some() && lit.memory.is_none()) {
-            lit.memory = Some(CountedMemory::of_kept_light(workshop, lit.learner.bytes()));
-        }
-        let limit = i64::try_from(workshop.config.kept_light_bytes).unwrap_or(i64::MAX);
-        while workshop.metrics.kept_light_bytes.value() > limit {
-            let left = self.lit.iter().filter_map(|(key, lit)| Some((lit.left?, *key)));
-            let Some((_, longest)) = left.min_by_key(|(at, _)| *at) else { break };
-            self.lit.remove(&longest);
+        let mut left: Vec<(Instant, LightKey)> =
+            self.lit.iter().filter_map(|(key, lit)| Some((lit.left?, *key))).collect();
+        left.sort_by_key(|(at, _)| *at);
+        let mut longest = left.iter().map(|(_, key)| *key);
+        for (_, key) in left.iter().rev() {
+            while let Some(lit) = self.lit.get_mut(key).filter(|lit| lit.memory.is_none()) {
+                let bytes = lit.learner.bytes();
+                lit.memory = CountedMemory::of_kept_light(workshop, bytes);
+                if lit.memory.is_none()
+                    && let Some(dropped) = longest.next()
+                {
+                    let kept = workshop.metrics.kept_light_bytes.value();
+                    tracing::info!(
+                        bytes,
+                        kept,
+                        "too much light to keep with nobody looking: see kept_light_bytes"
+                    );
+                    self.lit.remove(&dropped);
+                }
+            }
         }
         self.expires_at = self.expires_at.filter(|_| self.lit.values().any(|lit| lit.left.is_some()));
     }

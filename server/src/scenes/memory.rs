@@ -15,18 +15,21 @@ pub(super) struct CountedMemory {
 impl CountedMemory {
     /// Of a film.
     pub(super) fn of_film(workshop: &Arc<Workshop>, bytes: usize) -> CountedMemory {
-        CountedMemory::count(workshop, |metrics| &metrics.film_bytes, bytes)
-    }
-
-    /// Of light that nobody looks with.
-    pub(super) fn of_kept_light(workshop: &Arc<Workshop>, bytes: usize) -> CountedMemory {
-        CountedMemory::count(workshop, |metrics| &metrics.kept_light_bytes, bytes)
-    }
-
-    fn count(workshop: &Arc<Workshop>, of: fn(&Metrics) -> &Gauge, bytes: usize) -> CountedMemory {
         let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
-        of(&workshop.metrics).add(bytes);
-        CountedMemory { workshop: workshop.clone(), of, bytes }
+        workshop.metrics.film_bytes.add(bytes);
+        CountedMemory { workshop: workshop.clone(), of: |metrics| &metrics.film_bytes, bytes }
+    }
+
+    /// Of light that nobody looks with; `None` where all scenes together would keep more than they may.
+    pub(super) fn of_kept_light(workshop: &Arc<Workshop>, bytes: usize) -> Option<CountedMemory> {
+        let [bytes, limit] = [bytes as u64, workshop.config.kept_light_bytes]
+            .map(|bytes| i64::try_from(bytes).unwrap_or(i64::MAX));
+        let fits = workshop.metrics.kept_light_bytes.add_within(bytes, limit);
+        fits.then(|| CountedMemory {
+            workshop: workshop.clone(),
+            of: |metrics| &metrics.kept_light_bytes,
+            bytes,
+        })
     }
 }
 

@@ -113,6 +113,8 @@ pub(super) struct Job {
 #[derive(Debug)]
 pub(super) struct Drawing {
     job: Job,
+    /// That no other being drawn has: what learners know its view by.
+    number: u64,
     /// How its light is learnt, if at all.
     learns: Option<Learns>,
     pub(super) rendering: Rendering,
@@ -163,7 +165,10 @@ impl Scene {
                 return Err(self.gone());
             }
             if board.requests_open >= config.frame_requests as usize {
-                let detail = format!("{} pictures are being drawn already; try again", board.requests_open);
+                let detail = format!(
+                    "{} pictures are being drawn already, as many as `frame_requests` of the settings allows; try again",
+                    board.requests_open
+                );
                 return Err(Problem::new(ProblemKind::Unavailable, detail));
             }
             board.requests_open += 1;
@@ -210,11 +215,10 @@ impl Drawing {
             light_revision,
             until: learns_until,
             learner: number,
-            gaze: number,
         });
         let world = job.snapshot.world.clone();
         let seen = (job.view, job.size);
-        let joined = learns.as_mut().and_then(|learns| Drawing::learner_of_others(learns, others, started));
+        let joined = learns.as_mut().and_then(|learns| Drawing::learner_of_others(learns, others));
         let is_of_now = light_revision == now.light_revision;
         let alone = learns.filter(|_| is_of_now && joined.is_none());
         let kept = alone.and_then(|learns| lighting.hand_over(learns.light, workshop));
@@ -234,6 +238,7 @@ impl Drawing {
         };
         rendering.aim_at(job.request.until.error);
         Drawing {
+            number,
             learns,
             rendering,
             memory: CountedMemory::of_film(workshop, bytes),
@@ -252,6 +257,11 @@ impl Drawing {
         let is_of_now = self.job.snapshot.light_revision == now.light_revision;
         let light = self.learns.filter(|_| is_of_now)?.light;
         Some((light, (self.rendering.give_learner()?, self.job.snapshot.world.clone())))
+    }
+
+    /// When it is to be done at the latest.
+    pub(super) fn is_due_at(&self) -> Instant {
+        self.deadline
     }
 
     /// Whether nobody waits for it any more.

@@ -7,7 +7,7 @@ use std::{
     time::Instant,
 };
 
-use super::RenderSettings;
+use super::{RenderSettings, learning::RoundName};
 use crate::{
     technique::{
         Counts, Edit, PhotonCarrier, Products, SecondaryLight, Step, Technique,
@@ -267,6 +267,11 @@ impl Illumination {
     pub(super) fn next_round(&self) -> usize {
         let is_smaller = self.photon_divisor > ROUNDS[self.round].photon_divisor;
         if is_smaller && self.enlarges_round { self.round } else { self.round + 1 }
+    }
+
+    /// What tells the round that is under way from others.
+    pub(super) fn round_name(&self) -> RoundName {
+        (self.round, self.photon_divisor)
     }
 
     /// All that this round brings is known.

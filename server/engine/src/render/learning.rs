@@ -32,13 +32,32 @@ enum Pace {
     Shared,
     /// Before anything more is drawn: it, or what follows, would not end in time otherwise.
     Now,
-    /// Not at all: it would not end in time.
+    /// Not for this picture: it would not end in time, but does for others that learn with it.
+    ByOthers,
+    /// Not at all: it would end in nobody's time.
     Never,
 }
+
+/// Where learning stands beside drawing.
+#[derive(Debug, Default)]
+pub(super) struct Course {
+    /// Work on learning ahead of the share of it that was due when passes were drawn, in what [`Rendering::work`] counts.
+    pub(super) lead: f64,
+    /// This round of photons goes before drawing.
+    hurries: Option<RoundName>,
+    /// Others learn with the same learner, the last of them until then.
+    others_until: Option<Instant>,
+    /// All that was known when its time was over is shown, and nothing more will be.
+    is_settled: bool,
+}
+
+/// What tells rounds of photons apart: which one it is, and which part of the photons it takes.
+pub(super) type RoundName = (usize, u32);
 
 /// A round of photons that is under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RoundUnderWay {
+    pub(super) name: RoundName,
     /// Until it makes a better octree.
     pub(super) seconds_left: f64,
     /// Another follows.
@@ -48,13 +67,15 @@ pub(super) struct RoundUnderWay {
 impl RoundUnderWay {
     /// How it is to go on.
     ///
-    /// - `seconds`: there are for learning
+    /// - `seconds`: there are for learning, for this picture and for whoever learns with it longest
     /// - `share`: of work on learning for each on drawing
     /// - `pass_seconds`: of a pass
-    fn pace(self, seconds: f64, share: f64, pass_seconds: f64) -> Pace {
+    fn pace(self, [seconds, longest]: [f64; 2], share: f64, pass_seconds: f64) -> Pace {
         let left = self.seconds_left;
-        if left > seconds {
+        if left > seconds.max(longest) {
             Pace::Never
+        } else if left > seconds {
+            Pace::ByOthers
         } else if left * (DOUBT + 1.0 / share) + PASSES_BETWEEN * pass_seconds > seconds
             || self.is_followed && left <= SOON_SHARE * seconds
         {
@@ -70,7 +91,7 @@ impl Rendering {
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
         let (is_late, spent_before) = (self.is_late(), self.spent_rays());
-        let (until, pace) = (self.learns_until(), self.pace());
+        let (until, pace) = (self.all_learn_until(), self.pace());
         let learner = self.learner.as_mut()?;
         if pace == Pace::Never {
             learner.abandon_round();
@@ -79,11 +100,13 @@ impl Rendering {
             Stage::Nothing => false,
             Stage::Rough if self.settings.learning == Learning::First => false,
             Stage::Rough if self.film.passes_min() == 0 || is_late => true,
-            Stage::Rough => pace != Pace::Now && self.lead > 0.0,
+            Stage::Rough if pace == Pace::ByOthers => true,
+            Stage::Rough => pace != Pace::Now && self.course.lead > 0.0,
             Stage::Complete => true,
         };
         if is_pass_due {
-            if is_late && learner.shows_all() {
+            // Once: others that learn with it go on, and each time it showed that it would lose the samples that it has.
+            if is_late && !std::mem::replace(&mut self.course.is_settled, true) && learner.shows_all() {
                 let known = learner.known().cloned();
                 self.relight(known, Outdated::Rough);
             }
@@ -107,7 +130,7 @@ impl Rendering {
         #[cfg(feature = "gpu")]
         self.note_learning(counts.all_rays(), start, shader_seconds);
         if !is_first {
-            self.lead += self.work(start, spent_before);
+            self.course.lead += self.work(start, spent_before);
         }
         Some(Progress { counts, complete: false })
     }
@@ -115,23 +138,32 @@ impl Rendering {
     /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
     /// once had to go first does so to its end, however long that takes.
     fn pace(&mut self) -> Pace {
-        let (Some(moment), Some(learner)) = (self.learns_until(), &self.learner) else { return Pace::Shared };
-        if learner.is_between_rounds() {
-            // The sooner the next begins, the larger it may be.
-            self.hurries = false;
-            return Pace::Now;
-        }
-        let Some(round) = learner.round() else {
-            self.hurries = false;
+        let (Some(own), Some(longest), Some(learner)) =
+            (self.learns_until(), self.all_learn_until(), &self.learner)
+        else {
             return Pace::Shared;
         };
-        if self.hurries {
+        if learner.is_between_rounds() {
+            // The sooner the next begins, the larger it may be.
             return Pace::Now;
         }
-        let seconds = learner.time_share() * moment.saturating_duration_since(Instant::now()).as_secs_f64();
+        let Some(round) = learner.round() else { return Pace::Shared };
+        if self.course.hurries == Some(round.name) {
+            return Pace::Now;
+        }
+        let now = Instant::now();
+        let seconds = [own, longest]
+            .map(|moment| learner.time_share() * moment.saturating_duration_since(now).as_secs_f64());
         let pace = round.pace(seconds, self.learning_share(), self.pass_seconds);
-        self.hurries = pace == Pace::Now;
+        if pace == Pace::Now {
+            self.course.hurries = Some(round.name);
+        }
         pace
+    }
+
+    /// From when on nothing more is learnt for it, nor for others that learn with it.
+    fn all_learn_until(&self) -> Option<Instant> {
+        self.learns_until().map(|own| self.course.others_until.map_or(own, |others| own.max(others)))
     }
 
     /// From when on nothing more is learnt.
@@ -194,24 +226,27 @@ impl Rendering {
         Some(learner)
     }
 
-    /// It has what it learns its light with.
-    pub fn learns_by_itself(&self) -> bool {
-        self.learner.is_some()
+    /// Others learn with the same learner, the last of them until then; `None`: nobody else does. What does not end in the time of one may
+    /// end in that of another.
+    pub fn learn_beside(&mut self, others_until: Option<Instant>) {
+        self.course.others_until = others_until;
     }
 
-    /// Gives away what it learns its light with while others have their turn.
+    /// Gives away what it learns its light with while others have their turn. Until [`Rendering::go_on_with`] it looks as if somebody else
+    /// learnt: what is known of its learning, such as [`Rendering::knows_its_light`] and [`Rendering::records`], is not that of the learner.
     pub fn lend_learner(&mut self) -> Option<Learner> {
         self.learner.take().map(|learner| *learner)
     }
 
-    /// Goes on with what it learns its light with, and shows what became known meanwhile.
+    /// Goes on with what it learns its light with, and shows what became known meanwhile, as long as there is time to draw with it.
     pub fn go_on_with(&mut self, learner: Learner) {
         let shown = self.technique.secondary();
         let is_shown = match (learner.known(), shown) {
             (Some(known), Some(shown)) => Arc::ptr_eq(known, shown),
             (known, _) => known.is_none(),
         };
-        if !is_shown {
+        let keeps_what_it_shows = self.course.is_settled && shown.is_some();
+        if !is_shown && !keeps_what_it_shows {
             self.relight(learner.known().cloned(), Outdated::Rough);
         }
         self.learner = Some(Box::new(learner));
@@ -237,6 +272,17 @@ impl Rendering {
 mod tests {
     use super::*;
 
+    /// What does not end in the time of one, and does in that of another who learns with it, goes on for that one.
+    #[test]
+    fn rounds_end_for_who_has_time() {
+        let round = RoundUnderWay { name: RoundName::default(), seconds_left: 2.0, is_followed: false };
+        let pace = |seconds: [f64; 2]| round.pace(seconds, 1.0, 0.1);
+        assert_eq!(pace([1.0, 3.0]), Pace::ByOthers);
+        assert_eq!(pace([1.0, 1.0]), Pace::Never);
+        assert_eq!(pace([3.0, 1.0]), pace([3.0, 3.0]));
+        assert_eq!(pace([30.0, 1.0]), Pace::Shared);
+    }
+
     /// A round whose length is known, beside passes of a length, ends by the end of the time wherever that is possible at all.
     #[test]
     fn rounds_that_fit_end_in_time() {
@@ -246,12 +292,17 @@ mod tests {
                     let (time, round) = (9.0, 9.0 * f64::from(percent) / 100.0);
                     let (mut now, mut done, mut lead, mut hurries) = (0.0, 0.0, 0.0, false);
                     while now < time && done < round {
-                        let under_way = RoundUnderWay { seconds_left: round - done, is_followed: false };
-                        let pace =
-                            if hurries { Pace::Now } else { under_way.pace(time - now, share, pass_seconds) };
+                        let name = RoundName::default();
+                        let under_way =
+                            RoundUnderWay { name, seconds_left: round - done, is_followed: false };
+                        let pace = if hurries {
+                            Pace::Now
+                        } else {
+                            under_way.pace([time - now; 2], share, pass_seconds)
+                        };
                         hurries = pace == Pace::Now;
                         match pace {
-                            Pace::Never => break,
+                            Pace::Never | Pace::ByOthers => break,
                             Pace::Shared if lead > 0.0 => {
                                 (now, lead) = (now + pass_seconds, lead - share * pass_seconds);
                             }

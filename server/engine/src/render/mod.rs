@@ -48,6 +48,7 @@ use crate::{
 use backend::OnGpu;
 use chain::{Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
+use learning::Course;
 use measuring::Measuring;
 
 #[cfg(feature = "gpu")]
@@ -114,10 +115,8 @@ pub struct Rendering {
     looked_up: PathClasses,
     /// What the light is learnt with, where no one else does.
     learner: Option<Box<Learner>>,
-    /// Work on learning ahead of the share of it that was due when passes were drawn, in what [`Rendering::work`] counts.
-    lead: f64,
-    /// A round of learning goes before drawing.
-    hurries: bool,
+    /// Where learning stands beside drawing.
+    course: Course,
     /// Seconds of the last pass and of measuring after it.
     pass_seconds: f64,
     /// What the picture was last found to be short of, also of the light before it was known better.
@@ -185,7 +184,6 @@ impl Rendering {
         seen: (CameraView, PictureSize),
         settings: RenderSettings,
     ) -> Rendering {
-        learner.go_on_for(settings.learning);
         learner.look_away(|_| false);
         Rendering::learning_with((world, plan), (learner, gaze), seen, settings)
     }
@@ -199,6 +197,7 @@ impl Rendering {
         (view, size): (CameraView, PictureSize),
         settings: RenderSettings,
     ) -> Rendering {
+        learner.go_on_for(settings.learning);
         learner.look(gaze, &view, size);
         let known = learner.known().cloned();
         let rendering = Rendering::with((world, plan), view, size, settings, known);
@@ -252,8 +251,7 @@ impl Rendering {
             traced: None,
             settings,
             learner: None,
-            lead: 0.0,
-            hurries: false,
+            course: Course::default(),
             pass_seconds: 0.0,
             shortfall: None,
             measuring: measured
@@ -301,7 +299,7 @@ impl Rendering {
             Turn::Traced => self.trace(cancel),
         };
         self.counts += progress.counts;
-        self.lead -= self.learning_share() * self.work(start, spent_before);
+        self.course.lead -= self.learning_share() * self.work(start, spent_before);
         // Whoever waits for a first picture waits for nothing else.
         self.ungranted_rays += self.spent_rays().saturating_sub(spent_before);
         if progress.complete && !is_first {

@@ -220,6 +220,54 @@ fn who_goes_on_after_others_learns_as_much() {
     }
 }
 
+/// Pictures that learn with one learner in turn show whatever became known in the turns of others, but for those whose time is over: these
+/// keep the samples that they have of what was known then. And what is begun ends in the time of the last.
+#[test]
+fn pictures_learn_in_turn() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let plan = EffectPlan::of(world.scene());
+    let seen = (world.scene().camera_view(None).unwrap(), PictureSize::new(4, 4).unwrap());
+    let now = Instant::now();
+    let [over, later] = [now, now + Duration::from_secs(100_000)];
+    let settings = |until| RenderSettings {
+        indirect: Indirect::Auto,
+        learning: Learning::Alongside { until: Some(until) },
+        ..RenderSettings::default()
+    };
+    let learner = Learner::new(Learnt::Records, &settings(later), self::settings(16_000, 3));
+    let mut first = Rendering::learning_on((world.clone(), &plan), (learner, 1), seen, settings(over));
+    first.learn_beside(Some(later));
+    let never = AtomicBool::new(false);
+    for _ in 0..100_000 {
+        if first.passes() >= 3 {
+            break;
+        }
+        first.step(&never);
+    }
+    let shown = |rendering: &Rendering| rendering.technique.secondary().cloned();
+    let shown_by_first = shown(&first).unwrap();
+    let mut second =
+        Rendering::learning_with((world, &plan), (first.lend_learner().unwrap(), 2), seen, settings(later));
+    assert!(second.known().is_some_and(|known| Arc::ptr_eq(known, &shown_by_first)));
+    for _ in 0..100_000 {
+        if second.knows_its_light() {
+            break;
+        }
+        second.step(&never);
+    }
+    assert!(second.knows_its_light() && second.records().count > 0);
+    let shown_by_second = shown(&second).unwrap();
+    assert!(!Arc::ptr_eq(&shown_by_first, &shown_by_second));
+    let passes = first.passes();
+    first.go_on_with(second.lend_learner().unwrap());
+    assert!(Arc::ptr_eq(&shown(&first).unwrap(), &shown_by_first) && first.passes() == passes);
+    let third = settings(later);
+    let mut third =
+        Rendering::with((first.world.clone(), &plan), seen.0, seen.1, third, Some(shown_by_first));
+    third.go_on_with(first.lend_learner().unwrap());
+    assert!(Arc::ptr_eq(&shown(&third).unwrap(), &shown_by_second));
+}
+
 /// A box under a point light, or around it: above, most photons leave; within, hardly any.
 fn box_under_lamp(height_m: f64, albedo: f32) -> World {
     let mut stage = Building::default();
