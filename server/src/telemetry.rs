@@ -211,7 +211,11 @@ impl Metrics {
             ("edits_accepted_total", "Batches that made a revision", &self.edits_accepted),
             ("edits_refused_total", "Batches refused", &self.edits_refused),
             ("passes_total", "Rendering passes finished", &self.passes),
-            ("passes_cancelled_total", "Rendering passes cut short by news", &self.passes_cancelled),
+            (
+                "passes_cancelled_total",
+                "Steps that ended within a pass, by news or with their slice; the next goes on there",
+                &self.passes_cancelled,
+            ),
             ("passes_gpu_total", "Rendering passes that a graphics card finished", &self.passes_gpu),
             ("rays_total", "Rays traced", &self.rays),
             ("photons_probed_total", "Photons traced again to check the light", &self.photons_probed),
