@@ -137,7 +137,7 @@ fn apart_from(own: Own, other: Beside) -> f32 {
 
 /// e to the minus what pixels differ by, nearly: nothing from 8 on.
 fn weight_of(apart: f32) -> f32 {
-    let base = max(1.0 - apart * 0.125, 0.0);
+    let base = max(1.0 - apart * PER_APART, 0.0);
     let fourth = (base * base) * (base * base);
     return fourth * fourth;
 }

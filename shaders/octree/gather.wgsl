@@ -1,5 +1,8 @@
 // What gathers of the octree are asked for, and the space that they look in: `technique/products/gather.rs`, whose numbers are prepended.
 
+// `behind_m` names them one by one.
+const_assert WALLS_MAX == 6u;
+
 /// Where and how far to gather.
 struct Asked {
     centre: vec3f,
@@ -79,6 +82,8 @@ fn behind_m(gather: u32, from_middle: vec3f) -> f32 {
 
 /// A loop ended before its time: what was found is not whole.
 var<private> is_cut_short: bool;
+/// Nodes, photons and triangles that were looked at: up to WORK_MAX and a leaf, so that no submission takes as long as a watchdog waits.
+var<private> work: u32;
 
 fn gather_of(group: vec3u, groups: vec3u, invocation: u32) -> u32 {
     return (group.y * groups.x + group.x) * WORKGROUP + invocation;

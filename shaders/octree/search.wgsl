@@ -1,5 +1,6 @@
 // The nearest photons of gathers, each by one invocation: `PhotonMaps::search`. Nothing is kept while looking: photons within a radius are
-// counted, then the bits of the distance of the k-th are found four at a time, then those before it are listed.
+// counted, then the bits of the distance of the k-th are found four at a time, then those before it are listed. All looks together take
+// WORK_MAX nodes and photons, and the radius grows GROWTHS_MAX times at most: what needs more is cut short.
 
 /// Photons that follow each other in a map; those behind it in depth-first order, up to `end`, are its parts.
 struct PhotonNode {
@@ -106,13 +107,15 @@ fn walk(gather: u32, radius_m: f32, what_for: u32) {
         let side = sides[place];
         let root = roots[side];
         var node = root.x;
-        while node < root.y {
+        while node < root.y && work < WORK_MAX {
+            work += 1u;
             if is_far(node, gather, radius_m) {
                 node = nodes[node].end;
                 continue;
             }
             let leaf = nodes[node].photons;
             let end = (leaf >> 4u) + (leaf & 15u);
+            work += leaf & 15u;
             var photon = leaf >> 4u;
             for (; photon < end; photon++) {
                 visit(photon, side, gather, radius_m);
@@ -178,12 +181,19 @@ fn search(
     var count_max = asked[gather].count_max;
     var radius_m = asked[gather].radius_m;
     var near = look(gather, radius_m);
+    var growths = 0u;
     loop {
         // A wall that takes half of them leaves enough.
         let enough = near + min(near, behind_count);
         if enough >= count_min || radius_m >= radius_max_m {
             break;
         }
+        // A radius so small that growing leaves it as it is would never get there.
+        if is_cut_short || growths == GROWTHS_MAX {
+            is_cut_short = true;
+            break;
+        }
+        growths += 1u;
         let missing = f32(count_min) / (f32(enough) + 1.0);
         let farthest = select(GATHER_GROWTH_MAX, GATHER_GROWTH_BLIND, enough < GATHER_TELLING);
         radius_m = min(radius_m * clamp(sqrt(GATHER_AMPLE * missing), GATHER_GROWTH_MIN, farthest), radius_max_m);

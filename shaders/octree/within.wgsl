@@ -1,4 +1,5 @@
-// How much of the surfaces of gathers lies within their reach, side by side: `Surfaces::within`. One invocation a gather.
+// How much of the surfaces of gathers lies within their reach, side by side: `Surfaces::within`. One invocation a gather, which takes
+// WORK_MAX nodes and triangles at most: what needs more is cut short.
 
 /// Some triangles that lie together; those behind it in depth-first order, up to `end`, are its parts.
 struct ExtentNode {
@@ -152,7 +153,8 @@ const NOTHING: Facets = Facets(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0
 fn of_surface(root: vec2u, look: Look) -> Facets {
     var sum = NOTHING;
     var node = root.x;
-    while node < root.y {
+    while node < root.y && work < WORK_MAX {
+        work += 1u;
         let reach_m = extents[node].reach_m;
         let from_middle = extents[node].middle - look.centre;
         let size = abs(from_middle);
@@ -180,6 +182,7 @@ fn of_surface(root: vec2u, look: Look) -> Facets {
         }
         let leaf = extents[node].faces;
         let end = (leaf >> 3u) + (leaf & 7u);
+        work += leaf & 7u;
         var part = NOTHING;
         var face = leaf >> 3u;
         for (; face < end; face++) {
@@ -205,6 +208,10 @@ fn within(
     }
     // Where there is nothing, nobody asks how much surface holds it.
     if found[gather].count == 0u && found[gather].behind_count == 0u {
+        return;
+    }
+    // What was cut short, or has no room, is the CPU's as it is.
+    if found[gather].count > gathers.list_length {
         return;
     }
     var place = asked[gather].first_side;

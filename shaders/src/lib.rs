@@ -100,6 +100,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("DIFFERENCE_GREEN", Constant::F32(0.7152)),
     ("DIFFERENCE_BLUE", Constant::F32(0.0722)),
     ("WITHOUT_BOUND", Constant::F32(1e30)),
+    ("PER_APART", Constant::F32(0.125)),
     ("OWN_WEIGHT", Constant::F32(0.25)),
     ("SIDE_WEIGHT", Constant::F32(0.125)),
     ("CORNER_WEIGHT", Constant::F32(0.0625)),
@@ -126,6 +127,8 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("GATHER_FACING_MIN", Constant::U32(8)),
     ("GATHER_TELLING", Constant::U32(8)),
     ("WALLS_MAX", Constant::U32(6)),
+    ("WORK_MAX", Constant::U32(1 << 17)),
+    ("GROWTHS_MAX", Constant::U32(128)),
     ("FAR_M", Constant::F32(1e15)),
 ];
 

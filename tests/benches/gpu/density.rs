@@ -110,9 +110,11 @@ fn irradiances(
 ) -> Vec<f32> {
     let irradiance = |gather: &mut Gather, (index, of): (usize, &OctreeGather)| {
         let (class, sides, bounds) = (MAPPED[0], &of.sides, &of.bounds);
-        match found.and_then(|found| found[index].as_ref()) {
-            Some(found) => maps.gather_found(class, sides, bounds, found, gather),
-            None => maps.gather(class, sides, bounds, gather),
+        let found = found.and_then(|found| found[index].as_ref());
+        let is_gathered =
+            found.is_some_and(|found| maps.gather_found(class, sides, bounds, found, gather).is_ok());
+        if !is_gathered {
+            maps.gather(class, sides, bounds, gather);
         }
         gather.irradiance().luminance()
     };

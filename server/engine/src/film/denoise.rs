@@ -22,7 +22,8 @@ use std::sync::{Arc, OnceLock};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use self::kernel::{DEPTH, Joined, KnownBetter, PerDifference, SURFACE_PLANES, WITHOUT_BOUND};
+pub(crate) use self::kernel::SURFACE_PLANES;
+use self::kernel::{DEPTH, Joined, KnownBetter, PerDifference, WITHOUT_BOUND};
 pub(crate) use self::planes::Planes;
 #[cfg(feature = "gpu")]
 pub(crate) use self::{

@@ -8,7 +8,7 @@
 //! Numbers go as bits, since WGSL may assume that no float is infinite or NaN; what films hold is finite, and light no brighter than
 //! a hundred once it is scaled. Bounds in the steps keep products of anything else in the range of floats.
 //!
-//! **Watchdogs**: pictures go in bands of rows of two million pixels with those beyond that they depend on, each level of a band by itself: some
+//! **Watchdogs**: pictures go in bands of rows, two million pixels at most with the rows beyond that theirs depend on, each level by itself: some
 //! milliseconds of a card. A band's pixels are the whole picture's, to the last bit.
 
 #[cfg(test)]
@@ -22,15 +22,15 @@ use lumicast_shaders::{Constant, FILM_JOINED, FILM_KNOWN_BETTER, FILM_PER_DIFFER
 use super::{Batch, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session, batch::Begin};
 use crate::film::{
     Denoising, Film,
-    denoise::{ALONE, MARGIN, NUMBERS, PLANES, Planes, SURFACE_MAX, Unjoined},
+    denoise::{ALONE, MARGIN, NUMBERS, PLANES, Planes, SURFACE_MAX, SURFACE_PLANES, Unjoined},
 };
 
 /// Pixels at once, margins included: planes of their surfaces take 80 MiB, within the 128 MiB that every adapter binds.
 const PIXELS_AT_ONCE: usize = 1 << 21;
 /// Bytes of what a pixel's surface is told by, the largest buffer.
-const SURFACE_BYTES: u64 = 40;
-/// Light and its variance are never so large: scaled, light is a hundred at most, and a variance a hundred times that of a film's only
-/// sample that is lit, 10¹⁰ after 10⁶ passes. Differences of light by what they are multiplied by stay in the range of floats.
+const SURFACE_BYTES: u64 = (SURFACE_PLANES * size_of::<f32>()) as u64;
+/// Light and its variance are never so large: scaled, light is a hundred at most, and the variance of a mean no more than its square,
+/// 10⁴, but half of N times as much where N passes have lost the samples of some class: 5·10⁹ after 10⁶. Differences of light by what they are multiplied by stay in the range of floats.
 const LIGHT_MAX: f32 = 1e7;
 const VARIANCE_MAX: f32 = 1e16;
 

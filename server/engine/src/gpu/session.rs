@@ -99,7 +99,7 @@ pub(super) struct Fate {
 pub struct Session {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
-    pub(super) limits: wgpu::Limits,
+    pub(crate) limits: wgpu::Limits,
     pub(super) budget: Arc<Budget>,
     pub(super) layouts: Mutex<HashMap<LayoutKey, Arc<Layout>>>,
     pub(super) pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,

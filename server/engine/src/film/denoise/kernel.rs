@@ -14,6 +14,8 @@ const ALBEDO: f32 = 0.1;
 const SLOPE: f32 = 1.5;
 /// Stands for one over nothing: whatever is compared by it differs beyond all bounds or not at all.
 pub(super) const WITHOUT_BOUND: f32 = 1e30;
+/// (1 − x/8)⁸ stands for e⁻ˣ: three squarings, and nothing from 8 on.
+const PER_APART: f32 = 0.125;
 /// Luminance of the size of a difference in each channel [Rec.709]: two colours of one luminance differ as well.
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
@@ -25,7 +27,7 @@ const DEPTH_PLANE: usize = 6;
 const PER_DEPTH_PLANE: usize = 7;
 /// Change of the depth from column to column, and from row to row.
 const SLOPE_PLANES: [usize; 2] = [8, 9];
-pub(super) const SURFACE_PLANES: usize = 10;
+pub(crate) const SURFACE_PLANES: usize = 10;
 
 /// Weight of a pixel itself in what is joined; with those around it is one.
 const OWN_WEIGHT: f32 = 0.25;
@@ -36,7 +38,7 @@ const SIDE_WEIGHT: f32 = 0.125;
 
 /// The numbers above by name, for shaders that compute the same.
 #[cfg(feature = "gpu")]
-pub(crate) const NUMBERS: [(&str, f32); 11] = [
+pub(crate) const NUMBERS: [(&str, f32); 12] = [
     ("DEVIATIONS", DEVIATIONS),
     ("PER_NORMAL", 1.0 / (NORMAL * NORMAL)),
     ("PER_ALBEDO", 1.0 / (ALBEDO * ALBEDO)),
@@ -45,6 +47,7 @@ pub(crate) const NUMBERS: [(&str, f32); 11] = [
     ("DIFFERENCE_GREEN", LUMINANCE[1]),
     ("DIFFERENCE_BLUE", LUMINANCE[2]),
     ("WITHOUT_BOUND", WITHOUT_BOUND),
+    ("PER_APART", PER_APART),
     ("OWN_WEIGHT", OWN_WEIGHT),
     ("SIDE_WEIGHT", SIDE_WEIGHT),
     ("CORNER_WEIGHT", CORNER_WEIGHT),
@@ -107,7 +110,7 @@ impl Beside {
 #[inline(always)]
 fn weight_of<S: Simd>(apart: f32x8<S>) -> f32x8<S> {
     let simd = apart.simd;
-    let base = (f32x8::splat(simd, 1.0) - apart * f32x8::splat(simd, 0.125)).max(f32x8::splat(simd, 0.0));
+    let base = (f32x8::splat(simd, 1.0) - apart * f32x8::splat(simd, PER_APART)).max(f32x8::splat(simd, 0.0));
     let fourth = (base * base) * (base * base);
     fourth * fourth
 }

@@ -286,3 +286,15 @@ fn layers_add_up_on_any_number_of_threads() {
     }
     assert_eq!(draw(3), (whole, layers));
 }
+
+/// Samples whose albedos are sound, and whose sum is infinite: the pixel keeps its light.
+#[test]
+fn a_pixel_whose_albedos_overflow_keeps_its_light() {
+    let film = film_of(size(), 4, |x, y, _| {
+        let albedo = if (x, y) == (20, 20) { f32::MAX } else { 0.5 };
+        PixelSample { albedo: Rgb::splat(albedo), ..sheet(1.0) }
+    });
+    for (before, after) in film.radiance().iter().zip(denoised(&film)) {
+        assert!((before.g - after.g).abs() <= 1e-5, "{before:?} {after:?}");
+    }
+}

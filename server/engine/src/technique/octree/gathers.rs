@@ -1,14 +1,19 @@
 //! What the groups of an octree gather: where, how far, and before which walls.
 
+#[cfg(feature = "gpu")]
 use rayon::prelude::*;
 
+#[cfg(feature = "gpu")]
+use super::LightOctree;
 use super::{
-    LightOctree, OctreeSettings,
+    OctreeSettings,
     voxels::{VoxelSet, Voxels},
 };
+#[cfg(feature = "gpu")]
+use crate::technique::SideId;
 use crate::{
     math::sobol::mix,
-    technique::{GatherBounds, SideId, WallSearch, Walls},
+    technique::{GatherBounds, WallSearch, Walls},
     transport::World,
 };
 
@@ -66,6 +71,7 @@ impl Gathers<'_> {
 }
 
 /// What one group of an octree gathered.
+#[cfg(feature = "gpu")]
 #[derive(Clone, Debug)]
 pub struct OctreeGather {
     /// The sides of surfaces of the group, ascending.
@@ -74,6 +80,7 @@ pub struct OctreeGather {
     pub bounds: GatherBounds,
 }
 
+#[cfg(feature = "gpu")]
 impl LightOctree {
     /// What all groups gathered, cell by cell.
     ///

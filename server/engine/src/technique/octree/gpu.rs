@@ -10,7 +10,8 @@
 //! counts are those of the CPU but where products are added at once; areas are cut in floats where the CPU has doubles.
 //!
 //! **Watchdogs**: some thousand gathers at once, a few milliseconds of a card. A gather that floats cannot hold, whose photons all lie at one
-//! point, or whose loops a driver cuts short (Mesa's on the CPU do after 65,535 rounds) is the CPU's.
+//! point, that takes more than [`WORK_MAX`] steps or a list beyond [`BYTES_AT_ONCE`], or whose loops a driver cuts short (Mesa's on the CPU
+//! do after 65,535 rounds) is the CPU's.
 
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,12 @@ use crate::{
 
 /// Gathers at once: half a second on two cores that stand for a card, which hide no wait for memory.
 const GATHERS_AT_ONCE: usize = 4096;
+/// Bytes of a buffer of theirs: more gathers wait for the next slice.
+const BYTES_AT_ONCE: u64 = 64 << 20;
+/// Nodes, photons and triangles that an invocation of a step looks at: at a microsecond for each, which is slow, a tenth of a second.
+const WORK_MAX: u32 = 1 << 17;
+/// How often a search looks farther: by a ninth each time, the least that it grows, a million times as far.
+const GROWTHS_MAX: u32 = 128;
 /// Photons of a gather that a list takes, unless gathers ask for more.
 const LIST_MIN: usize = 16;
 
@@ -114,6 +121,7 @@ pub struct GatherOnCard {
     layout_search: Arc<Layout>,
     layout_within: Arc<Layout>,
     gathers_at_once: usize,
+    bytes_at_once: u64,
 }
 
 impl GatherOnCard {
@@ -125,6 +133,8 @@ impl GatherOnCard {
             ("WORKGROUP", Constant::U32(OCTREE_SEARCH.workgroup_size[0])),
             ("WALLS_MAX", Constant::U32(WALLS_MAX as u32)),
             ("FAR_M", Constant::F32(FAR_M)),
+            ("WORK_MAX", Constant::U32(WORK_MAX)),
+            ("GROWTHS_MAX", Constant::U32(GROWTHS_MAX)),
         ];
         numbers.into_iter().chain(counts).chain(ours).collect()
     }
@@ -144,6 +154,7 @@ impl GatherOnCard {
             layout_search,
             layout_within,
             gathers_at_once: GATHERS_AT_ONCE,
+            bytes_at_once: BYTES_AT_ONCE.min(session.limits.max_storage_buffer_binding_size),
         })
     }
 
@@ -180,39 +191,61 @@ impl GatherOnCard {
         asked: &[AskedGather<'_>],
     ) -> Result<Vec<Option<FoundPhotons>>, GpuError> {
         let mut found = Vec::with_capacity(asked.len());
-        for asked in asked.chunks(self.gathers_at_once) {
-            found.extend(Slice::of(asked, maps.side_count).found(self, maps)?);
+        let mut rest = asked;
+        while !rest.is_empty() {
+            let slice = Slice::first_of(rest, self, maps);
+            rest = &rest[slice.taken..];
+            found.extend(slice.found(self, maps)?);
         }
         Ok(found)
     }
 }
 
 /// Gathers that are made at once.
-struct Slice<'a> {
-    asked: &'a [AskedGather<'a>],
-    /// Those that a card can make, by place in `asked`.
+struct Slice {
+    /// Of those that were asked for, from the first on.
+    taken: usize,
+    /// Those that a card can make, by place among them.
     places: Vec<usize>,
     gathers: Vec<GpuAsked>,
     sides: Vec<u32>,
     list_length: usize,
 }
 
-impl<'a> Slice<'a> {
-    fn of(asked: &'a [AskedGather<'a>], side_count: usize) -> Slice<'a> {
-        let mut slice = Slice {
-            asked,
-            places: Vec::new(),
-            gathers: Vec::new(),
-            sides: Vec::new(),
-            list_length: LIST_MIN,
-        };
-        for (place, gather) in asked.iter().enumerate() {
-            let are_known = gather.sides.iter().all(|side| side.index() < side_count);
-            if are_known && gather.bounds.is_sound() {
-                slice.add(place, gather);
+impl Slice {
+    const EMPTY: Slice =
+        Slice { taken: 0, places: Vec::new(), gathers: Vec::new(), sides: Vec::new(), list_length: LIST_MIN };
+
+    /// As many as have room.
+    fn first_of(asked: &[AskedGather<'_>], card: &GatherOnCard, maps: &MapsOnCard) -> Slice {
+        let mut slice = Slice::EMPTY;
+        for gather in asked.iter().take(card.gathers_at_once.max(1)) {
+            let are_known = gather.sides.iter().all(|side| side.index() < maps.side_count);
+            let has_room = Slice::EMPTY.bytes_with(gather) <= card.bytes_at_once;
+            if are_known && has_room && gather.bounds.is_sound() {
+                if slice.bytes_with(gather) > card.bytes_at_once {
+                    break;
+                }
+                slice.add(slice.taken, gather);
             }
+            slice.taken += 1;
         }
         slice
+    }
+
+    /// Fewer than these are listed, unless they lie at one point.
+    fn list_length_with(&self, gather: &AskedGather<'_>) -> usize {
+        let (_, count_max) = gather.bounds.first_look();
+        self.list_length.max(count_max).max(gather.bounds.count_min.get())
+    }
+
+    /// Its largest buffer with one more gather.
+    fn bytes_with(&self, gather: &AskedGather<'_>) -> u64 {
+        let bytes = |count: usize, each: usize| (count as u64).saturating_mul(each as u64);
+        let count = self.gathers.len() + 1;
+        let list = self.list_length_with(gather).saturating_mul(size_of::<[u32; 2]>());
+        let sides = bytes(self.sides.len() + gather.sides.len(), size_of::<GpuFacets>());
+        bytes(count, list).max(bytes(count, size_of::<GpuAsked>())).max(sides)
     }
 
     fn add(&mut self, place: usize, gather: &AskedGather<'_>) {
@@ -224,8 +257,7 @@ impl<'a> Slice<'a> {
         }
         let first_side = self.sides.len() as u32;
         self.sides.extend(gather.sides.iter().map(|side| side.index() as u32));
-        // Fewer than either are listed, unless they lie at one point.
-        self.list_length = self.list_length.max(count_max.max(bounds.count_min.get()));
+        self.list_length = self.list_length_with(gather);
         self.places.push(place);
         self.gathers.push(GpuAsked {
             centre: bounds.centre.to_array(),
@@ -245,7 +277,7 @@ impl<'a> Slice<'a> {
     }
 
     fn found(self, card: &GatherOnCard, maps: &MapsOnCard) -> Result<Vec<Option<FoundPhotons>>, GpuError> {
-        let mut all = vec![None; self.asked.len()];
+        let mut all = vec![None; self.taken];
         if self.gathers.is_empty() {
             return Ok(all);
         }

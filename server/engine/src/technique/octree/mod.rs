@@ -35,10 +35,11 @@ use std::{
 
 use glam::Vec4;
 
+pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
 #[cfg(feature = "gpu")]
-pub use self::gpu::{AskedGather, GatherOnCard, MapsOnCard};
 pub use self::{
-    build::BuildCounts, cluster::Vdl, gathers::OctreeGather, harmonics::Harmonics, pack::PackedVdl,
+    gathers::OctreeGather,
+    gpu::{AskedGather, GatherOnCard, MapsOnCard},
 };
 
 use self::{

@@ -22,9 +22,9 @@ use glam::Vec3;
 use kiddo::SquaredEuclidean;
 
 #[cfg(feature = "gpu")]
-pub use self::found::FoundPhotons;
-#[cfg(feature = "gpu")]
 pub(in crate::technique) use self::found::{COUNTS, FAR_M, NEAR_M, NUMBERS};
+#[cfg(feature = "gpu")]
+pub use self::found::{FoundPhotons, OtherMaps};
 use super::{
     extent::Facets,
     map::{MAPPED, MapPhoton, PhotonMaps, SideMap},
@@ -246,7 +246,9 @@ impl PhotonMaps {
             let missing = bounds.count_min.get() as f32 / (found as f32 + 1.0);
             let farthest = if found < TELLING { GROWTH_BLIND } else { GROWTH_MAX };
             let growth = (AMPLE * missing).sqrt().clamp(GROWTH_MIN, farthest);
-            gather.radius_m = (gather.radius_m * growth).min(bounds.radius_max_m);
+            let next_m = (gather.radius_m * growth).min(bounds.radius_max_m);
+            // What is next to nothing rounds back to itself, for ever.
+            gather.radius_m = if next_m > gather.radius_m { next_m } else { bounds.radius_max_m };
             count_max = bounds.count_min.get();
         }
         gather.reach_m = gather.radius_m;

@@ -44,7 +44,7 @@ pub use self::{
 };
 
 #[cfg(feature = "gpu")]
-pub use self::gather::FoundPhotons;
+pub use self::gather::{FoundPhotons, OtherMaps};
 #[cfg(test)]
 pub(in crate::technique) use self::guide::samples_of_guides;
 #[cfg(feature = "gpu")]

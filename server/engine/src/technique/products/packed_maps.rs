@@ -16,6 +16,7 @@ use crate::math::octahedral;
 
 /// Photons of a leaf at most: what four bits count.
 const LEAF_COUNT: usize = 8;
+const _: () = assert!(LEAF_COUNT < 16);
 
 /// Photons that follow each other in a map; those behind it in depth-first order, up to `end`, are its parts. `PhotonNode` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

@@ -3,7 +3,10 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::{Extent, Facets};
+use super::{Extent, Facets, LEAF_COUNT};
+
+// A leaf's triangles are counted in three bits.
+const _: () = assert!(LEAF_COUNT < 8);
 
 /// Some triangles that lie together; `ExtentNode` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

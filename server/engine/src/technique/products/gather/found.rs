@@ -48,6 +48,11 @@ pub struct FoundPhotons {
     pub(in crate::technique) of_sides: Vec<Facets>,
 }
 
+/// What a search found is of other maps or other sides than those that it is handed to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("gathering of photons that a search found: it searched other maps, or other sides")]
+pub struct OtherMaps;
+
 impl FoundPhotons {
     /// How many there are.
     pub fn count(&self) -> usize {
@@ -70,6 +75,7 @@ impl GatherBounds {
         self.centre.abs().max_element() <= FAR_M
             && self.normal.is_normalized()
             && (NEAR_M..=FAR_M).contains(&self.radius_max_m)
+            && (NEAR_M..=FAR_M).contains(&self.first_look().0)
             && !self.radius_m.is_nan()
             && self
                 .walls
@@ -82,6 +88,8 @@ impl PhotonMaps {
     /// [`PhotonMaps::gather`] from its search on.
     ///
     /// - `found`: by a search with the same bounds, of the same sides
+    ///
+    /// Errors: [`OtherMaps`] where that cannot be; nothing is gathered then.
     pub fn gather_found(
         &self,
         class: PathClass,
@@ -89,21 +97,35 @@ impl PhotonMaps {
         bounds: &GatherBounds,
         found: &FoundPhotons,
         gather: &mut Gather,
-    ) {
-        let Some(class) = gather.begin(class) else { return };
+    ) -> Result<(), OtherMaps> {
+        let Some(class) = gather.begin(class) else { return Ok(()) };
+        let maps = &self.sides[class];
+        let is_ours = sides.iter().all(|side| side.index() < maps.len())
+            && (found.of_sides.is_empty() || found.of_sides.len() == sides.len());
+        if !is_ours {
+            return Err(OtherMaps);
+        }
+        let near_of = |[side, item]: [u32; 2]| {
+            sides.binary_search_by_key(&(side as usize), |side| side.index()).ok()?;
+            let photon = maps[side as usize].as_ref()?.photons.get(item as usize)?;
+            let distance2 = bounds.flattened_from(photon.position).length_squared();
+            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
+            Some(Near { distance2, side, item, facing_cos })
+        };
+        for name in &found.near {
+            let Some(near) = near_of(*name) else {
+                gather.near.clear();
+                return Err(OtherMaps);
+            };
+            gather.near.push(near);
+        }
         gather.radius_m = found.radius_m;
         gather.reach_m = found.reach_m;
         gather.facing_cos = found.facing_cos;
         gather.behind_count = found.behind_count;
-        let maps = &self.sides[class];
-        gather.near.extend(found.near.iter().filter_map(|[side, item]| {
-            let photon = maps[*side as usize].as_ref()?.photons.get(*item as usize)?;
-            let distance2 = bounds.flattened_from(photon.position).length_squared();
-            let facing_cos = octahedral::decode(photon.normal).dot(bounds.normal);
-            Some(Near { distance2, side: *side, item: *item, facing_cos })
-        }));
         gather.of_sides.extend(&found.of_sides);
         self.estimate(class, sides, bounds, gather);
+        Ok(())
     }
 
     /// What the CPU's search finds.

@@ -201,3 +201,30 @@ fn bent_surfaces_show_the_light_they_face() {
         assert!((found / expected - 1.0).abs() < 0.025, "{angle}°: {found} for {expected}");
     }
 }
+
+/// A radius that is next to nothing rounds back to itself when it grows; the search ends, and finds what one from elsewhere finds.
+#[test]
+fn a_search_from_next_to_nothing_ends() {
+    let square = Square::lit([200, 200], 0);
+    let of = |radius_m: f32, radius_max_m: f32| {
+        let bounds = GatherBounds {
+            centre: Vec3::ZERO,
+            normal: Vec3::Y,
+            radius_m,
+            count_min: NonZeroUsize::MIN,
+            count_max: NonZeroUsize::MIN,
+            radius_max_m,
+            count_narrow: NonZeroUsize::MIN,
+            walls: Walls::default(),
+        };
+        let mut gather = Gather::default();
+        square.maps.gather(PathClass::Indirect, &[square.side], &bounds, &mut gather);
+        gather.radius_m
+    };
+    let nearest_m = of(f32::INFINITY, 4.0);
+    assert!(nearest_m > 0.0 && nearest_m < 1.0);
+    for bits in 1..8 {
+        assert_eq!(of(f32::from_bits(bits), 4.0), nearest_m);
+        assert_eq!(of(f32::INFINITY, f32::from_bits(bits)), f32::from_bits(bits));
+    }
+}
