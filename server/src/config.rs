@@ -222,7 +222,7 @@ settings! {
     /// How long a scene keeps what it knows of its light when the last who looked has gone, or the last single picture is drawn, s, 0 to
     /// 86400: whoever comes back, reloads a page or asks for the next picture begins with that. Edits of the light drop it. It takes the memory of
     /// photons, octree and records above, twice at most for each scene: for the last two techniques, or bounds on bounces, that somebody
-    /// looked with. Single pictures that are being drawn take it once more each.
+    /// looked with. Single pictures that are drawn at once take it once more together.
     kept_light_s: f64 = 60.0;
     /// Bytes of all light that scenes keep so; a scene that would exceed it keeps less of its own, what was left longest first.
     kept_light_bytes: u64 = 2 << 30;

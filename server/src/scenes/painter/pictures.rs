@@ -3,7 +3,7 @@
 use super::{Cut, Painter};
 use crate::scenes::request::Drawing;
 use crate::scenes::{Snapshot, lock};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 impl Painter {
     /// What is done, and what nobody waits for.
@@ -41,18 +41,15 @@ impl Painter {
         }
     }
 
-    /// Who is drawn when it is the turn of `index`: every other time who is due first, where that is in less than half the time that this one has
-    /// left. By turns alone a picture of half a second among four of five has an eighth of a second for itself.
+    /// Who is drawn when it is the turn of `index`: every other time who is due much sooner, if anybody is.
     pub(super) fn drawing_of_turn(&mut self, index: usize) -> usize {
         self.is_first_due_next = !self.is_first_due_next;
+        if self.is_first_due_next {
+            return index;
+        }
         let now = Instant::now();
-        let left = |index: usize| {
-            let drawing: Option<&Drawing> = self.drawings.get(index);
-            drawing.map(|drawing| drawing.is_due_at().saturating_duration_since(now))
-        };
-        let first_due = (0..self.drawings.len()).min_by_key(|index| left(*index));
-        let is_much_sooner = |first: &usize| left(*first).map(|left| 2 * left) < left(index);
-        first_due.filter(|first| !self.is_first_due_next && is_much_sooner(first)).unwrap_or(index)
+        let left = self.drawings.iter().map(|drawing| drawing.is_due_at().saturating_duration_since(now));
+        much_sooner(&left.collect::<Vec<_>>(), index)
     }
 
     /// A slice of one of them, to its time at the latest.
@@ -69,5 +66,28 @@ impl Painter {
         };
         self.step(&mut drawing.rendering, Cut { after, ..cut });
         self.drawings.insert(index, drawing);
+    }
+}
+
+/// Who has the least time left, where that is less than half of what `index` has; else `index`. By turns alone a picture of half a second among
+/// four of five has an eighth of a second for itself; among pictures of about the same time nobody goes first.
+fn much_sooner(left: &[Duration], index: usize) -> usize {
+    let Some(own) = left.get(index) else { return index };
+    let first = (0..left.len()).min_by_key(|other| left[*other]);
+    first.filter(|first| 2 * left[*first] < *own).unwrap_or(index)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Who is due much sooner goes first, and among those who have about as long nobody does.
+    #[test]
+    fn who_is_due_much_sooner_goes_first() {
+        let of = |seconds: [f64; 3], index| much_sooner(&seconds.map(Duration::from_secs_f64), index);
+        assert_eq!([0, 1, 2].map(|index| of([5.0, 0.5, 5.0], index)), [1, 1, 1]);
+        assert_eq!([0, 1, 2].map(|index| of([4.1, 4.0, 2.1], index)), [0, 1, 2]);
+        assert_eq!([0, 1, 2].map(|index| of([0.0, 0.0, 1.0], index)), [0, 1, 0]);
+        assert_eq!(of([1.0, 2.0, 3.0], 3), 3, "gone meanwhile");
     }
 }

@@ -1,5 +1,5 @@
-//! Pictures that are drawn at once, such as those of all cameras of a scene: they learn of its light together, each with views of its own for
-//! records. Who learns with them is one, and goes from picture to picture with whose turn it is.
+//! Pictures that are drawn at once, such as those of all cameras of a scene: they learn of its light together, each with records for what it
+//! sees. They have one learner among them, which goes from picture to picture with whose turn it is.
 
 #[cfg(test)]
 mod tests;
@@ -33,9 +33,10 @@ impl Drawing {
     /// is begun ends in the time of the last ([`lumicast_engine::render::Rendering::learn_beside`]).
     pub(super) fn learner_of_others(learns: &mut Learns, others: &mut [Drawing]) -> Option<Learner> {
         let known = others.iter().filter_map(|other| other.learns);
-        learns.learner =
-            known.filter(|other| learns.are_of_one_light(other)).map(|other| other.learner).next()?;
-        lent_by(others, learns.learner)
+        let name = known.filter(|other| learns.are_of_one_light(other)).map(|other| other.learner).next()?;
+        let learner = lent_by(others, name)?;
+        learns.learner = name;
+        Some(learner)
     }
 
     /// Its turn has come: it goes on with what the last of those had who learn with it.
