@@ -2,15 +2,18 @@
 # Everything that only a machine with a graphics card can tell: finds the card, runs the GPU's tests on it, measures it beside
 # the CPU and holds pictures from both against each other. Writes one JSON file with all of it.
 #
-#   tests/gpu.sh [--software] [--out FILE] [--size WxH] [--rounds N]
+#   tests/gpu.sh [--software] [--out FILE] [--size WxH] [--rounds N] [--programs FOLDER]
+#   tests/gpu.sh --build FOLDER
 #
 #   --software    a driver that computes on the CPU (Mesa's lavapipe) may stand for a card
 #   --out FILE    where the JSON goes; gpu.json where the command is run, if left out
 #   --size WxH    size of measured passes; 1920x1080, with a software driver 640x360, if left out
 #   --rounds N    rounds of everything that is measured, of which the median counts; 5 if left out
+#   --build FOLDER     builds what is run here into FOLDER, and ends: for a machine with a card and without Rust
+#   --programs FOLDER  runs what --build made, and builds nothing
 #   --help        this text
 #
-# Needs Rust and a driver for Vulkan, Metal or DirectX 12; installs nothing. Scenes are the built-in box and, where ../shared
+# Needs Rust (but with --programs) and a driver for Vulkan, Metal or DirectX 12; installs nothing. Scenes are the built-in box and, where ../shared
 # is there, four of its scenes. Ends with 1 and names what failed if anything did; the rest is run and written all the same.
 set -uo pipefail
 started_in=$PWD
@@ -19,18 +22,21 @@ cd "$(dirname "$0")/.." || exit 1
 help() { sed -n '2,/^set/p' "$0" | sed -e '/^set/d' -e 's/^# \{0,1\}//'; }
 refuse() { echo "error: $1 (--help lists what there is)" >&2; exit 2; }
 
-out=gpu.json software=() measured=()
+out=gpu.json software=() measured=() programs='' built=''
 while [ $# -gt 0 ]; do
     case "$1" in
         --software) software=(--software) ;;
         --out) out=${2:?--out: a file is missing}; shift ;;
+        --build) built=${2:?--build: a folder is missing}; shift ;;
+        --programs) programs=${2:?--programs: a folder is missing}; shift ;;
         --size | --rounds) measured+=("$1" "${2:?"$1": a value is missing}"); shift ;;
         --help | -h) help; exit 0 ;;
         *) refuse "$1: no such option" ;;
     esac
     shift
 done
-case "$out" in /*) ;; *) out=$started_in/$out ;; esac
+from_start() { case "$1" in '' | /*) printf '%s' "$1" ;; *) printf '%s' "$started_in/$1" ;; esac; }
+out=$(from_start "$out") programs=$(from_start "$programs") built=$(from_start "$built")
 [ -d "$(dirname "$out")" ] || refuse "--out $out: there is no such folder"
 
 work=$(mktemp -d) || exit 1
@@ -44,15 +50,29 @@ quoted() { printf '"%s"' "$(printf '%s' "$1" | tr '\n\t' '  ' | sed -e 's/\\/\\\
 # What drivers kept of shaders from earlier runs would make compiling look free: Mesa's and NVIDIA's stores are left out.
 bench() {
     MESA_SHADER_CACHE_DISABLE=true __GL_SHADER_DISK_CACHE=0 \
-        cargo bench -q -p lumicast-tests --bench gpu -- ${software[@]+"${software[@]}"} "$@"
+        "$programs/bench" --bench ${software[@]+"${software[@]}"} "$@"
 }
 
-say "building"
-cargo build --release -q -p lumicast --bins && cargo bench -q --no-run -p lumicast-tests --bench gpu || {
-    echo "FAILED building" >&2
-    exit 1
+# The program that cargo says it built, as argument 1 asks, to $programs/argument 2.
+program() {
+    local made
+    made=$(cargo $1 --message-format=json-render-diagnostics | sed -n 's/.*"executable":"\([^"]*\)".*/\1/p' | tail -n 1)
+    [ -n "$made" ] && cp "$made" "$programs/$2"
 }
-lumicast=${CARGO_TARGET_DIR:-target}/release/lumicast
+if [ -z "$programs" ]; then
+    say "building"
+    programs=${built:-$work/programs}
+    mkdir -p "$programs" &&
+        program "build --release -p lumicast --bin lumicast" lumicast &&
+        program "bench --no-run -p lumicast-tests --bench gpu" bench &&
+        program "test --release --no-run -p lumicast-shaders --lib" shaders-tests &&
+        program "test --release --no-run -p lumicast-engine --lib" engine-tests || {
+        echo "FAILED building" >&2
+        exit 1
+    }
+    [ -z "$built" ] || exit 0
+fi
+lumicast=$programs/lumicast
 
 say "the adapter"
 if ! adapter=$(bench adapter 2>"$work/adapter"); then
@@ -66,8 +86,11 @@ case "$adapter" in *"(software,"*) is_software=yes ;; *) is_software=no ;; esac
 
 say "tests"
 tests_passed=true
-LUMICAST_GPU=required cargo test --release -p lumicast-shaders -p lumicast-engine gpu 2>&1 | tee "$work/tests" >&2
-[ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests"; }
+: >"$work/tests"
+for tested in shaders engine; do
+    LUMICAST_GPU=required "$programs/$tested-tests" gpu 2>&1 | tee -a "$work/tests" >&2
+    [ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests of the $tested"; }
+done
 test_count=$(sed -n 's/^test result: .* \([0-9]*\) passed.*/\1/p' "$work/tests" | awk '{ sum += $1 } END { print sum + 0 }')
 [ "$test_count" -gt 0 ] || { tests_passed=false; failed "tests: none ran"; }
 
