@@ -94,7 +94,7 @@ fn measure_subject(
     let gpu = Arc::new(open(options)?);
     let mut figures = figures.of(&subject.name);
     upload::measure(subject, &gpu, options.rounds, &mut figures)?;
-    bare_rays::measure(subject, &gpu, options.rounds, &mut figures)?;
+    bare_rays::measure(subject, &gpu, size, options.rounds, &mut figures)?;
     shown::measure(&gpu, size, options.rounds, &mut figures)?;
     denoised::measure(&gpu, size, options.rounds, &mut figures)?;
     density::measure(subject, &gpu, options.rounds, &mut figures)?;

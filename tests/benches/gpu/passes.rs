@@ -73,14 +73,7 @@ pub(crate) fn measure(
     let mut card = GpuPathTracer::new(Arc::clone(&scene), settings);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_rates(figures, &on_card, &on_cpu);
-    if let Some(steps) = card.step_seconds(&drawing.view, size)? {
-        let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
-        for (name, seconds) in steps.by_name() {
-            let share = Figure::new(format!("path tracing: share of {name}"), Unit::Percent, f64::NAN);
-            figures.push(Figure { gpu_device: Some(100.0 * seconds / all), gpu_wall: None, ..share });
-        }
-    }
-
+    drawing.push_steps(&card, "path tracing", figures)?;
     carry(subject, &scene, rounds, figures)?;
     let (known, learning_seconds) = drawing.learn();
     let mut learning = Figure::new("light octree: learning", Unit::Seconds, f64::NAN);
@@ -91,6 +84,7 @@ pub(crate) fn measure(
     card.draw_as(&tracer);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
+    drawing.push_steps(&card, "asking the octree", figures)?;
     let focused = drawing.focus();
     if focused.is_some() {
         let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
@@ -165,6 +159,24 @@ fn push_milliseconds(figures: &mut SceneFigures<'_>, name: &str, on_card: &Pass,
 }
 
 impl Drawing<'_> {
+    /// What the card itself is busy with in a pass, step by step.
+    fn push_steps(
+        &self,
+        card: &GpuPathTracer,
+        what: &str,
+        figures: &mut SceneFigures<'_>,
+    ) -> Result<(), Box<dyn Error>> {
+        let Some(steps) = card.step_seconds(&self.view, self.size)? else { return Ok(()) };
+        let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
+        let sum = Figure::new(format!("{what}: steps, one after the other"), Unit::Milliseconds, f64::NAN);
+        figures.push(Figure { gpu_device: Some(1e3 * all), gpu_wall: None, ..sum });
+        for (name, seconds) in steps.by_name() {
+            let share = Figure::new(format!("{what}: share of {name}"), Unit::Percent, f64::NAN);
+            figures.push(Figure { gpu_device: Some(100.0 * seconds / all), gpu_wall: None, ..share });
+        }
+        Ok(())
+    }
+
     /// Medians of the card and of the CPU, which take turns.
     fn compare(
         &self,

@@ -10,7 +10,7 @@ use lumicast_engine::{
 
 use crate::{
     answer::Answer,
-    ray_set::{Kind, RaySet},
+    ray_set::{Kind, RaySet, SIZE},
 };
 
 /// A way to ask our tree a run of rays.
@@ -60,7 +60,7 @@ pub(crate) struct Tree<'a> {
 impl<'a> Tree<'a> {
     pub(crate) fn new(name: &'static str, scene: &'a Scene, view: CameraView) -> Tree<'a> {
         let accel = Accel::build(scene);
-        let rays = RaySet::seen_by(&view, &accel, scene);
+        let rays = RaySet::seen_by(&view, SIZE, &accel, scene);
         Tree { name, scene, accel, rays }
     }
 

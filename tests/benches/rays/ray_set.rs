@@ -7,9 +7,9 @@ use lumicast_engine::{
 };
 use lumicast_tests::Random;
 
-/// The picture that primary rays are shot for: what the serving benches show.
-const SIZE: [u32; 2] = [640, 360];
-/// Rays of every kind.
+/// The picture that primary rays are shot for where nothing else is asked: what the serving benches show.
+pub(crate) const SIZE: [u32; 2] = [640, 360];
+/// Rays of every kind for that.
 pub(crate) const RAY_COUNT: usize = (SIZE[0] * SIZE[1]) as usize;
 /// Side of the tiles that a picture is made in.
 const TILE: u32 = 16;
@@ -41,7 +41,7 @@ impl Kind {
     }
 }
 
-/// `[RAY_COUNT]` rays of every kind, in render space.
+/// A ray a pixel, of every kind, in render space.
 pub(crate) struct RaySet {
     of_kind: [Vec<Ray>; 3],
 }
@@ -51,8 +51,8 @@ impl RaySet {
     ///
     /// # Panics
     /// When the camera sees no surface at all: there is nothing to measure then.
-    pub(crate) fn seen_by(view: &CameraView, accel: &Accel, scene: &Scene) -> RaySet {
-        let primary = primary_rays(view, accel);
+    pub(crate) fn seen_by(view: &CameraView, size: [u32; 2], accel: &Accel, scene: &Scene) -> RaySet {
+        let primary = primary_rays(view, size, accel);
         let seen: Vec<(Vec3, SurfacePoint)> = primary
             .iter()
             .filter_map(|ray| {
@@ -62,7 +62,7 @@ impl RaySet {
             .collect();
         assert!(!seen.is_empty(), "the camera sees nothing");
         // Where some pixels see nothing, the others are gone through again: all kinds have as many rays.
-        let seen = || seen.iter().cycle().take(RAY_COUNT);
+        let seen = || seen.iter().cycle().take(primary.len());
         let mut random = Random::new(1);
         let diffuse = seen().map(|(wi, point)| diffuse_ray(*wi, point, &mut random)).collect();
         let lamps = lamps(&scene.bounds().unwrap_or(Aabb::UNIT));
@@ -82,12 +82,12 @@ impl RaySet {
 }
 
 /// One ray through the middle of every pixel, tile by tile, block by block within a tile.
-fn primary_rays(view: &CameraView, accel: &Accel) -> Vec<Ray> {
+fn primary_rays(view: &CameraView, size: [u32; 2], accel: &Accel) -> Vec<Ray> {
     let half_height = match view.projection {
         Projection::Perspective { yfov_rad } => (yfov_rad / 2.0).tan(),
         Projection::Orthographic { .. } => panic!("the subjects' cameras are perspective"),
     };
-    let [width, height] = SIZE.map(f64::from);
+    let [width, height] = size.map(f64::from);
     let origin = accel.to_render(view.world_from_camera.translation);
     let through = |[x, y]: [u32; 2]| {
         let in_camera = DVec3::new(
@@ -98,9 +98,9 @@ fn primary_rays(view: &CameraView, accel: &Accel) -> Vec<Ray> {
         let direction = view.world_from_camera.transform_vector3(in_camera).normalize();
         Ray::new(origin, direction.as_vec3())
     };
-    let tiles = cells([0, 0], SIZE, [TILE; 2]);
+    let tiles = cells([0, 0], size, [TILE; 2]);
     let blocks = tiles.flat_map(|tile| {
-        let end = [0, 1].map(|axis| (tile[axis] + TILE).min(SIZE[axis]));
+        let end = [0, 1].map(|axis| (tile[axis] + TILE).min(size[axis]));
         cells(tile, end, BLOCK)
     });
     let pixels = blocks.flat_map(|block| cells(block, [block[0] + BLOCK[0], block[1] + BLOCK[1]], [1, 1]));

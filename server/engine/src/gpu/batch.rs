@@ -23,7 +23,7 @@ pub struct Batch {
 }
 
 /// How a batch begins: with a clock or without.
-pub(super) type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
+pub(crate) type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
 
 /// Two readings of the device's clock.
 #[derive(Debug)]

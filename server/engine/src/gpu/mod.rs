@@ -22,6 +22,7 @@ pub(crate) mod tests;
 mod trees;
 
 pub use adapter::{AdapterChoice, AdapterKind, AdapterReason, AdapterReport};
+pub(crate) use batch::Begin;
 pub use batch::{Batch, Submission};
 pub use buffer::{BindGroup, Binding, Buffer, Layout};
 pub use denoise::{DenoiseOnCard, DenoisedOnCard};

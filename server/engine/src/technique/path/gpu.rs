@@ -35,7 +35,7 @@ pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
 pub use photons::GpuPhotons;
 pub use scene::GpuScene;
-pub use splats::Splatted;
+pub use splats::{SplatSeconds, Splatted};
 pub use step_clock::StepSeconds;
 
 use self::{

@@ -21,8 +21,8 @@ use super::{
 };
 use crate::{
     gpu::{
-        BindGroup, Binding, Buffer, GpuError, Layout, Overlap, Pipeline, Quads, RasterPipeline, Session,
-        SumsBegin, Target,
+        Begin, BindGroup, Binding, Buffer, GpuError, Layout, Overlap, Pipeline, Quads, RasterPipeline,
+        Session, SumsBegin, Target,
     },
     math::Rgb,
     technique::{SecondaryLight, View},
@@ -122,6 +122,8 @@ struct Pace {
     seconds_max: f64,
     /// Records drawn at once, at most.
     at_once_max: u32,
+    /// With a clock or without.
+    begin: Begin,
 }
 
 /// What is known of a picture's pixels, and what is done now.
@@ -182,9 +184,9 @@ impl Ready {
     }
 
     /// What a picture sees.
-    fn see(&mut self, world: &World, view: &View) -> Result<Pixels, GpuError> {
+    fn see(&mut self, world: &World, view: &View, begin: Begin) -> Result<(Pixels, Option<f64>), GpuError> {
         let session = Arc::clone(&self.session);
-        let mut batch = session.batch("what a picture sees")?;
+        let mut batch = begin(&session, "what a picture sees")?;
         let (target, _named) = self.record_picture(world, view, &mut batch)?;
         let pixels = Pixels::new(&session, view, target.size()[0], target.byte_count())?;
         let Splatting { seen, seen_layout, .. } = self.splatting.as_ref().ok_or_else(unprepared)?;
@@ -193,14 +195,15 @@ impl Ready {
         let groups = [&self.world.trees_group, &self.world.group, &group];
         batch.dispatch(seen, &groups, seen.workgroups(pixels.count() as u64))?;
         // Waited for: only then the target has left the card, and what is drawn next has its room.
-        batch.submit()?.wait()?;
-        Ok(pixels)
+        let seconds = batch.submit()?.gpu_seconds()?;
+        Ok((pixels, seconds))
     }
 
     /// Splats the records of the light that is there, cache by cache.
     fn splat(&mut self, world: &World, view: &View, pace: Pace) -> Result<Splatted, GpuError> {
         self.prepare_splatting()?;
-        let pixels = self.see(world, view)?;
+        let (pixels, mut seconds) = self.see(world, view, pace.begin)?;
+        let seen_seconds = seconds;
         let session = &self.session;
         let splatting = self.splatting.as_ref().ok_or_else(unprepared)?;
         let records = self.known.records().ok_or_else(no_records)?;
@@ -225,7 +228,8 @@ impl Ready {
             // The finest says what is missing, whatever it has.
             if cache == 0 || *count > 0 {
                 pixels.turn_to(session, cache)?;
-                drawing.draw_cache(session, &pixels, first..end)?;
+                let of_cache = drawing.draw_cache(session, &pixels, first..end)?;
+                seconds = seconds.zip(of_cache).map(|(before, of_cache)| before + of_cache);
             }
             first = end;
         }
@@ -241,6 +245,7 @@ impl Ready {
             points,
             answers,
             missing,
+            seconds: seen_seconds.zip(seconds).map(|(seen, all)| SplatSeconds { seen, splats: all - seen }),
         })
     }
 }
@@ -249,13 +254,16 @@ impl Drawing<'_> {
     /// Draws the records of a cache, as many at once as take no longer than they may, and answers by their sums.
     ///
     /// - `records`: of all
+    ///
+    /// Returns the seconds that it took on the device's clock, where that is asked.
     fn draw_cache(
         &mut self,
         session: &Arc<Session>,
         pixels: &Pixels,
         records: Range<u32>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<Option<f64>, GpuError> {
         let Pixels { picture, drawn, .. } = pixels;
+        let mut gpu_seconds = Some(0.0);
         let resolve = &self.splatting.resolve;
         let mut next = records.start;
         loop {
@@ -263,16 +271,17 @@ impl Drawing<'_> {
             let numbers = next..records.end.min(next.saturating_add(self.at_once));
             let begins = if next == records.start { SumsBegin::AtZero } else { SumsBegin::AsTheyAre };
             next = numbers.end;
-            let mut batch = session.batch("records of a picture")?;
+            let mut batch = (self.pace.begin)(session, "records of a picture")?;
             let quads = Quads { size: [picture.width, picture.height], numbers, begins };
             batch.add(&self.splatting.splat, &[&self.splat_group], self.target, quads)?;
             if next == records.end {
                 batch.copy_target(self.target, drawn)?;
                 batch.dispatch(resolve, &[&self.resolve_group], resolve.workgroups(pixels.count() as u64))?;
             }
-            batch.submit()?.wait()?;
+            let of_batch = batch.submit()?.gpu_seconds()?;
+            gpu_seconds = gpu_seconds.zip(of_batch).map(|(before, of_batch)| before + of_batch);
             if next == records.end {
-                return Ok(());
+                return Ok(gpu_seconds);
             }
             let seconds = start.elapsed().as_secs_f64();
             if seconds > self.pace.seconds_max {
@@ -293,9 +302,24 @@ pub struct Splatted {
     points: Buffer,
     answers: Buffer,
     missing: Buffer,
+    seconds: Option<SplatSeconds>,
+}
+
+/// Seconds on the device's clock.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplatSeconds {
+    /// Of finding out what pixels see.
+    pub seen: f64,
+    /// Of splatting records onto it and finding pixels without one.
+    pub splats: f64,
 }
 
 impl Splatted {
+    /// What [`GpuScene::splatted_timed`] took; `None` for others and on devices without a clock.
+    pub fn seconds(&self) -> Option<SplatSeconds> {
+        self.seconds
+    }
+
     /// Irradiance at what the middles of pixels see, row by row, W/m²: by the finest cache that knows it; `None` where no record counts,
     /// and where nothing is seen that scatters diffusely.
     ///
@@ -346,22 +370,30 @@ impl GpuScene {
     /// Errors: what the card does not do; [`GpuError::Insufficient`] where it cannot add up floats, [`GpuError::OutOfMemory`] or
     /// [`GpuError::LightTooLarge`] where a picture of that size or the light has no room.
     pub fn splatted(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Splatted, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST))
+        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::batch))
+    }
+
+    /// The same by the device's clock: [`Splatted::seconds`].
+    ///
+    /// Errors: as [`GpuScene::splatted`].
+    pub fn splatted_timed(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Splatted, GpuError> {
+        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::timed_batch))
     }
 
     /// [`Splatted::missing`] of [`GpuScene::splatted`], also where the device is lost in between.
     ///
     /// Errors: as [`GpuScene::splatted`].
     pub fn missing(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Vec<u32>, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST)?.missing())
+        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::batch)?.missing())
     }
 
-    /// - `covered_first`: see [`Pace`]
+    /// - `covered_first`, `begin`: see [`Pace`]
     pub(super) fn splat_once(
         &self,
         view: &View,
         known: &Arc<dyn SecondaryLight>,
         covered_first: usize,
+        begin: Begin,
     ) -> Result<Splatted, GpuError> {
         if !view.is_perspective {
             return Err(GpuError::Failed { what: "only perspective views are drawn".into() });
@@ -373,7 +405,7 @@ impl GpuScene {
             true => (SOFTWARE_BATCH_SECONDS, SOFTWARE_AT_ONCE_MAX),
             false => (BATCH_SECONDS, AT_ONCE_MAX),
         };
-        let pace = Pace { covered_first, seconds_max, at_once_max };
+        let pace = Pace { covered_first, seconds_max, at_once_max, begin };
         let light = LightBeside { known: Some(known), focused: None };
         // Before light goes for a picture that cannot be.
         self.run(&mut *self.ready()?, |ready| {

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     accel::Ray,
-    gpu::GpuOptions,
+    gpu::{GpuOptions, Session},
     math::{sobol::point, warp},
     scene::{Projection, samples},
     technique::irradiance::{Facing, IrradianceCache, IrradianceSettings, Record, Weighing},
@@ -457,7 +457,7 @@ fn batches_of_any_size_bring_the_same_bits() {
     let cache = fine.before(strewn(&shot, weighing, 70, [0.5, 1.0]));
     let known: Arc<dyn SecondaryLight> = Arc::new(cache);
     let of = |covered_first: usize| {
-        let splatted = scene.splat_once(&view, &known, covered_first).unwrap();
+        let splatted = scene.splat_once(&view, &known, covered_first, Session::batch).unwrap();
         (splatted.irradiances().unwrap(), splatted.missing().unwrap())
     };
     let (irradiances, missing) = of(usize::MAX / 2);
