@@ -194,12 +194,14 @@ impl Batch {
         byte_count: u64,
         copy: impl FnOnce(&mut wgpu::CommandEncoder, &wgpu::Buffer),
     ) -> Result<ReadBack, GpuError> {
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let staged = self.session.allocate(&format!("{name}, read back"), byte_count, usage)?;
-        copy(self.encoder(), &staged.buffer);
+        let name = format!("{name}, read back");
+        let buffer = self.session.staging(&name, byte_count)?;
+        copy(self.encoder(), &buffer.buffer);
         Ok(ReadBack::new(Staging {
             session: Arc::clone(&self.session),
-            buffer: staged,
+            name,
+            byte_count,
+            buffer,
             submitted: Arc::clone(&self.submitted),
         }))
     }
@@ -269,9 +271,7 @@ impl Submission {
         let (Some(ticks), Some(nanoseconds)) = (self.ticks.take(), self.session.nanoseconds_per_tick) else {
             return Ok(None);
         };
-        let bytes = ticks.collect()?;
-        let mut ticks = bytes.chunks_exact(8).map(bytemuck::pod_read_unaligned::<u64>);
-        let (first, last) = (ticks.next().unwrap_or(0), ticks.next().unwrap_or(0));
+        let [first, last] = ticks.read(bytemuck::pod_read_unaligned::<[u64; 2]>)?;
         // A clock that was set back in between says nothing.
         Ok(last.checked_sub(first).map(|ticks| ticks as f64 * f64::from(nanoseconds) * 1e-9))
     }

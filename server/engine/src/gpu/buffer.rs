@@ -169,6 +169,21 @@ impl Session {
         byte_count: u64,
         usage: wgpu::BufferUsages,
     ) -> Result<Buffer, GpuError> {
+        match self.allocate_beside_spare(name, byte_count, usage) {
+            Err(GpuError::OutOfMemory { .. }) if self.let_spare_go() => {
+                self.allocate_beside_spare(name, byte_count, usage)
+            }
+            allocated => allocated,
+        }
+    }
+
+    /// The same where memory that is kept for later reads stays.
+    fn allocate_beside_spare(
+        &self,
+        name: &str,
+        byte_count: u64,
+        usage: wgpu::BufferUsages,
+    ) -> Result<Buffer, GpuError> {
         let refused = |bytes_allowed: u64, limit: &'static str| GpuError::OutOfMemory {
             name: name.to_string(),
             byte_count,

@@ -17,6 +17,7 @@ mod raster;
 mod read_back;
 mod session;
 mod show;
+mod staging;
 #[cfg(test)]
 pub(crate) mod tests;
 mod trees;

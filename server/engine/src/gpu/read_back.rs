@@ -14,9 +14,20 @@ use super::{Buffer, GpuError, Session};
 #[derive(Debug)]
 pub(super) struct Staging {
     pub(super) session: Arc<Session>,
+    /// Of what they are, in errors.
+    pub(super) name: String,
+    pub(super) byte_count: u64,
+    /// Has room for so many or more.
     pub(super) buffer: Buffer,
     /// Set when the batch that copies them is handed over.
     pub(super) submitted: Arc<OnceLock<wgpu::SubmissionIndex>>,
+}
+
+impl Staging {
+    /// What is mapped for them: whole words, and one where there are none.
+    fn mapped_bytes(&self) -> Range<u64> {
+        0..self.byte_count.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).max(wgpu::COPY_BUFFER_ALIGNMENT)
+    }
 }
 
 /// Bytes that a batch copies to where they can be read.
@@ -36,12 +47,26 @@ impl ReadBack {
     ///
     /// Errors: [`GpuError::TimedOut`] after the options' `seconds_max`, [`GpuError::Lost`], [`GpuError::Failed`], also
     /// where the batch was not submitted.
-    pub fn collect(mut self) -> Result<Vec<u8>, GpuError> {
+    pub fn collect(self) -> Result<Vec<u8>, GpuError> {
+        self.read(<[u8]>::to_vec)
+    }
+
+    /// Waits for the bytes and hands them over where they are, uncopied. The memory is kept for later reads.
+    ///
+    /// Errors: as [`ReadBack::collect`].
+    pub fn read<T>(mut self, take: impl FnOnce(&[u8]) -> T) -> Result<T, GpuError> {
         let index = self.map()?;
-        self.staging.session.wait_for(&index, self.staging.buffer.name())?;
-        let session = Arc::clone(&self.staging.session);
+        let Staging { session, name, .. } = &self.staging;
+        session.wait_for(&index, name)?;
         let received = self.mapped.take().and_then(|mapped| mapped.recv_timeout(session.wait_max).ok());
-        self.taken(received.unwrap_or(Err(wgpu::BufferAsyncError)))
+        let taken = self.taken(received.unwrap_or(Err(wgpu::BufferAsyncError)), take)?;
+        // The batch is done and none other knows the buffer. One that is not whole any more is let go, and nobody misses it.
+        let Staging { session, name, buffer, .. } = self.staging;
+        let failed = |error| GpuError::Failed { what: format!("{name}: {error}") };
+        if session.checked(|| buffer.buffer.unmap(), failed).is_ok() {
+            session.keep(buffer);
+        }
+        Ok(taken)
     }
 
     /// The bytes when they are there, `None` when they are not yet; once they were taken there are no more.
@@ -53,17 +78,19 @@ impl ReadBack {
         let Some(mapped) = &self.mapped else { return Ok(None) };
         match mapped.try_recv() {
             Err(TryRecvError::Empty) => self.staging.session.check().map(|()| None),
-            Err(TryRecvError::Disconnected) => self.taken(Err(wgpu::BufferAsyncError)).map(Some),
-            Ok(result) => self.taken(result).map(Some),
+            Err(TryRecvError::Disconnected) => {
+                self.taken(Err(wgpu::BufferAsyncError), <[u8]>::to_vec).map(Some)
+            }
+            Ok(result) => self.taken(result, <[u8]>::to_vec).map(Some),
         }
     }
 
     /// Asks for the memory to be mapped, once. Not before the batch is handed over: commands may not touch it then.
     fn map(&mut self) -> Result<wgpu::SubmissionIndex, GpuError> {
-        let Staging { session, buffer, submitted } = &self.staging;
+        let Staging { session, name, buffer, submitted, .. } = &self.staging;
         session.check()?;
         let Some(index) = submitted.get() else {
-            return Err(GpuError::Failed { what: format!("{}: its batch was not submitted", buffer.name()) });
+            return Err(GpuError::Failed { what: format!("{name}: its batch was not submitted") });
         };
         if self.mapped.is_none() {
             let (sender, receiver) = channel();
@@ -71,24 +98,28 @@ impl ReadBack {
                 || {
                     // Nobody listens any more where the read-back was dropped.
                     let tell = move |result| drop(sender.send(result));
-                    buffer.buffer.map_async(wgpu::MapMode::Read, .., tell);
+                    buffer.buffer.map_async(wgpu::MapMode::Read, self.staging.mapped_bytes(), tell);
                 },
-                |error| GpuError::Failed { what: format!("{}: {error}", buffer.name()) },
+                |error| GpuError::Failed { what: format!("{name}: {error}") },
             )?;
             self.mapped = Some(receiver);
         }
         Ok(index.clone())
     }
 
-    fn taken(&self, mapped: Result<(), wgpu::BufferAsyncError>) -> Result<Vec<u8>, GpuError> {
-        let Staging { session, buffer, .. } = &self.staging;
+    fn taken<T>(
+        &self,
+        mapped: Result<(), wgpu::BufferAsyncError>,
+        take: impl FnOnce(&[u8]) -> T,
+    ) -> Result<T, GpuError> {
+        let Staging { session, name, byte_count, buffer, .. } = &self.staging;
         session.check()?;
         // A device that goes in this moment takes its buffers along before the news of it are here.
-        let failed =
-            |what: String| session.loss_or(GpuError::Failed { what: format!("{}: {what}", buffer.name()) });
+        let failed = |what: String| session.loss_or(GpuError::Failed { what: format!("{name}: {what}") });
         mapped.map_err(|error| failed(error.to_string()))?;
-        let view = buffer.buffer.get_mapped_range(..).map_err(|error| failed(error.to_string()))?;
-        Ok(view[..buffer.byte_count() as usize].to_vec())
+        let view = buffer.buffer.get_mapped_range(self.staging.mapped_bytes());
+        let view = view.map_err(|error| failed(error.to_string()))?;
+        Ok(take(&view[..*byte_count as usize]))
     }
 }
 
@@ -97,10 +128,17 @@ impl Session {
     ///
     /// Errors: as [`ReadBack::collect`].
     pub fn read(self: &Arc<Session>, buffer: &Buffer, bytes: Range<u64>) -> Result<Vec<u8>, GpuError> {
+        self.fetch(buffer, bytes)?.collect()
+    }
+
+    /// The same, not waited for: they are as they were when this was asked, whatever is submitted afterwards.
+    ///
+    /// Errors: as [`Batch::read_back`](super::Batch::read_back) and [`Batch::submit`](super::Batch::submit).
+    pub fn fetch(self: &Arc<Session>, buffer: &Buffer, bytes: Range<u64>) -> Result<ReadBack, GpuError> {
         let mut batch = self.batch("read")?;
         let read_back = batch.read_back(buffer, bytes)?;
         batch.submit()?;
-        read_back.collect()
+        Ok(read_back)
     }
 
     /// Waits until a submission is done, no longer than the options allow.

@@ -15,6 +15,7 @@ use super::{
     adapter::{self, Chosen},
     buffer::{Budget, Layout, LayoutKey},
     pipeline::{Pipeline, PipelineKey},
+    staging::Spare,
 };
 
 /// Bytes that buffers of a session may hold in all, where options say nothing else. No interface tells how much memory
@@ -101,6 +102,7 @@ pub struct Session {
     pub(super) queue: wgpu::Queue,
     pub(crate) limits: wgpu::Limits,
     pub(super) budget: Arc<Budget>,
+    pub(super) spare: Mutex<Spare>,
     pub(super) layouts: Mutex<HashMap<LayoutKey, Arc<Layout>>>,
     pub(super) pipelines: Mutex<HashMap<PipelineKey, Arc<Pipeline>>>,
     pub(super) shader_nanoseconds: AtomicU64,
@@ -143,6 +145,7 @@ impl Session {
             queue,
             limits,
             budget: Arc::new(Budget::new(options.bytes_max)),
+            spare: Mutex::default(),
             layouts: Mutex::default(),
             pipelines: Mutex::default(),
             shader_nanoseconds: AtomicU64::new(0),
@@ -168,9 +171,10 @@ impl Session {
         self.shader_nanoseconds.load(Ordering::Relaxed) as f64 * 1e-9
     }
 
-    /// Bytes that buffers hold now.
+    /// Bytes that buffers hold now, beside memory that is kept for later reads: that makes way for any of them.
     pub fn bytes_held(&self) -> u64 {
-        self.budget.held()
+        let spare = locked(&self.spare);
+        self.budget.held().saturating_sub(spare.bytes())
     }
 
     /// Whether the device still works.

@@ -1,6 +1,7 @@
 //! Laws of the room, on whatever adapter there is; [`open`] is for the tests of all rooms.
 
 mod layout;
+mod staging;
 
 pub(crate) use layout::{assert_same_layout, layout, numbers_of};
 

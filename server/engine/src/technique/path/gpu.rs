@@ -64,6 +64,8 @@ const IS_ASKING: u32 = 1;
 const SHOWS_CAUSTICS: u32 = 2;
 /// Devices that may be lost one after the other without a finished pass before it is given up.
 const LOSSES_MAX: u32 = 3;
+/// Samples that a thread copies at a time: 320 KiB, which takes longer than finding a thread.
+const SAMPLES_AT_ONCE: usize = 4096;
 
 /// `PassHeader` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -130,8 +132,8 @@ struct Begun {
     header: GpuPassHeader,
     pass: u32,
     focused: Option<Arc<dyn FocusedLight>>,
-    /// Of the pixels so far, in rows.
-    samples: Vec<GpuPixelSample>,
+    /// Pixels, in rows, whose samples are here.
+    taken: usize,
 }
 
 /// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] and a [`FocusedLight`] that are packed for it.
@@ -144,18 +146,29 @@ pub struct GpuPathTracer {
     settings: PathSettings,
     secondary: Option<Arc<dyn SecondaryLight>>,
     begun: Option<Begun>,
+    /// Of the pass that was begun, by pixel in rows, as far as they were taken. Kept from pass to pass: fresh memory costs more than
+    /// what is written to it.
+    samples: Vec<GpuPixelSample>,
     /// Paths of the next slice.
     slice: u32,
     failure: Option<GpuError>,
 }
 
 impl GpuPathTracer {
-    /// Memory of a pass that was begun, beside the card's.
+    /// Memory of a picture from its first pass on, beside the card's.
     pub const BYTES_PER_PIXEL: usize = SAMPLE_BYTES as usize;
 
     /// Pictures of a scene; steps are to be of the same world.
     pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
-        GpuPathTracer { scene, settings, secondary: None, begun: None, slice: SLICE_MIN, failure: None }
+        GpuPathTracer {
+            scene,
+            settings,
+            secondary: None,
+            begun: None,
+            samples: Vec::new(),
+            slice: SLICE_MIN,
+            failure: None,
+        }
     }
 
     /// Draws what `tracer` would from now on.
@@ -180,7 +193,7 @@ impl GpuPathTracer {
 
     /// Samples of the next slice of a pass, and the work they took.
     fn trace_slice(&mut self, begun: &mut Begun, pixel_count: usize) -> Result<Counts, GpuError> {
-        let first_pixel = begun.samples.len() as u32;
+        let first_pixel = begun.taken as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
         let light = LightBeside { known: self.secondary.as_ref(), focused: begun.focused.as_ref() };
         let slice = self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
@@ -188,8 +201,8 @@ impl GpuPathTracer {
             let path_count = wanted.min(capacity);
             tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
         })?;
-        let samples = slice.brought.chunks_exact(SAMPLE_BYTES as usize);
-        begun.samples.extend(samples.map(bytemuck::pod_read_unaligned::<GpuPixelSample>));
+        let room = &mut self.samples[begun.taken..];
+        begun.taken += self.scene.take(slice.brought, |bytes| copy_samples(bytes, room))?;
         self.slice = self.scene.slice_after(self.slice, wanted, slice.first_seconds);
         Ok(slice.counts)
     }
@@ -208,18 +221,38 @@ impl GpuPathTracer {
         };
         let mut begun = match self.begun.take().filter(of_this) {
             Some(begun) => begun,
-            None => Begun { header, pass, focused: focused.clone(), samples: room_for(pixel_count)? },
+            None => {
+                self.make_room(pixel_count)?;
+                Begun { header, pass, focused: focused.clone(), taken: 0 }
+            }
         };
-        while begun.samples.len() < pixel_count {
+        while begun.taken < pixel_count {
             if step.cancel.load(Ordering::Relaxed) {
                 self.begun = Some(begun);
                 return Ok(Progress { complete: false, ..progress });
             }
             progress.counts += self.trace_slice(&mut begun, pixel_count)?;
         }
-        self.add_to(film, &begun.samples);
+        self.add_to(film);
         self.scene.losses.store(0, Ordering::Relaxed);
         Ok(progress)
+    }
+
+    /// Has room for the samples of a pass.
+    fn make_room(&mut self, pixel_count: usize) -> Result<(), GpuError> {
+        if self.samples.len() == pixel_count {
+            return Ok(());
+        }
+        // Not both at once.
+        self.samples = Vec::new();
+        let refused = |()| GpuError::OutOfMemory {
+            name: "samples of a pass".into(),
+            byte_count: pixel_count as u64 * SAMPLE_BYTES,
+            bytes_allowed: 0,
+            limit: "this machine's memory",
+        };
+        self.samples = bytemuck::allocation::try_zeroed_vec(pixel_count).map_err(refused)?;
+        Ok(())
     }
 
     fn header_of(&self, view: &View, film: &Film, pass: u32) -> GpuPassHeader {
@@ -247,14 +280,14 @@ impl GpuPathTracer {
         }
     }
 
-    fn add_to(&self, film: &mut Film, samples: &[GpuPixelSample]) {
+    fn add_to(&self, film: &mut Film) {
         let width = film.size().width() as usize;
         let [least, most] = [film.passes_min(), film.passes_max()];
         let shown = self.settings.shown;
         film.tiles_mut().par_iter_mut().filter(|tile| least == most || tile.passes() < most).for_each(
             |tile| {
                 tile.add_pass(|x, y| {
-                    let mut sample = sample_of(&samples[y as usize * width + x as usize]);
+                    let mut sample = sample_of(&self.samples[y as usize * width + x as usize]);
                     for class in PathClass::ALL.into_iter().filter(|class| !shown.contains(*class)) {
                         sample.radiance[class as usize] = Rgb::BLACK;
                     }
@@ -265,17 +298,14 @@ impl GpuPathTracer {
     }
 }
 
-/// Room for the samples of a pass.
-fn room_for(pixel_count: usize) -> Result<Vec<GpuPixelSample>, GpuError> {
-    let mut samples = Vec::new();
-    let refused = |_| GpuError::OutOfMemory {
-        name: "samples of a pass".into(),
-        byte_count: pixel_count as u64 * SAMPLE_BYTES,
-        bytes_allowed: 0,
-        limit: "this machine's memory",
-    };
-    samples.try_reserve_exact(pixel_count).map_err(refused)?;
-    Ok(samples)
+/// Copies samples from where a card left them to the beginning of a room, by all threads. Returns how many.
+fn copy_samples(bytes: &[u8], room: &mut [GpuPixelSample]) -> usize {
+    let count = bytes.len() / SAMPLE_BYTES as usize;
+    let rooms = room[..count].par_chunks_mut(SAMPLES_AT_ONCE);
+    rooms.zip(bytes.par_chunks(SAMPLES_AT_ONCE * SAMPLE_BYTES as usize)).for_each(|(room, bytes)| {
+        bytemuck::cast_slice_mut(room).copy_from_slice(bytes);
+    });
+    count
 }
 
 fn sample_of(packed: &GpuPixelSample) -> PixelSample {
@@ -305,6 +335,7 @@ impl Technique for GpuPathTracer {
             }
             Err(error) => {
                 self.failure = Some(error);
+                (self.begun, self.samples) = (None, Vec::new());
                 Progress::default()
             }
         }

@@ -164,18 +164,21 @@ impl GpuGatherer {
         // In powers of two, so that a few more rays than before do not need other places.
         let room = rays.len().next_power_of_two();
         let light = LightBeside { known: tracer.secondary.as_ref(), focused: None };
-        let slice = self.scene.through_losses(|| {
-            self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
+        // Not with a lock held: a thread that waits here for others may begin to gather for other points.
+        let arrived = |bytes: &[u8]| -> Vec<Arrived> {
+            let samples = bytes.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
+            samples.map(|sample| bytemuck::pod_read_unaligned::<GpuRaySample>(sample).arrived()).collect()
+        };
+        let (arrived, counts, first_seconds) = self.scene.through_losses(|| {
+            let slice = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
                 tracing.write_starts(&rays)?;
                 tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
-            })
+            })?;
+            Ok((self.scene.take(slice.brought, arrived)?, slice.counts, slice.first_seconds))
         })?;
-        self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
+        self.slices.answered(&self.scene, header.path_count, first_seconds);
         self.slices.count(u64::from(header.path_count));
-        // Not with a lock held: a thread that waits here for others may begin to gather for other points.
-        let samples = slice.brought.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
-        let samples = samples.map(bytemuck::pod_read_unaligned::<GpuRaySample>);
-        Ok((samples.map(|sample| sample.arrived()).collect(), slice.counts))
+        Ok((arrived, counts))
     }
 
     fn along(

@@ -135,26 +135,28 @@ impl GpuPhotons {
         // In powers of two, so that a few more than before do not need other places; and so many that one alone always has room.
         let room = sent.len().next_power_of_two().max(SLICE_MIN as usize);
         let light = LightBeside { known: None, focused: None };
-        let slice = self.scene.through_losses(|| {
-            self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
+        let of_bytes = |bytes: &[u8]| -> Vec<GpuKeptPhoton> {
+            bytes.par_chunks_exact(size_of::<GpuKeptPhoton>()).map(bytemuck::pod_read_unaligned).collect()
+        };
+        let (mut records, is_whole, first_seconds) = self.scene.through_losses(|| {
+            let slice = self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
                 tracing.write_starts(&photons)?;
                 tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
-            })
+            })?;
+            Ok((self.scene.take(slice.brought, of_bytes)?, slice.is_whole, slice.first_seconds))
         })?;
-        if !slice.is_whole {
+        if !is_whole {
             let (first, second) = sent.split_at(sent.len() / 2);
             self.slice(first, bounces_end, carried)?;
             return self.slice(second, bounces_end, carried);
         }
-        self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
-        // They come in no order.
-        let records = slice.brought.par_chunks_exact(size_of::<GpuKeptPhoton>());
-        let mut records: Vec<GpuKeptPhoton> = records.map(bytemuck::pod_read_unaligned).collect();
+        self.slices.answered(&self.scene, header.path_count, first_seconds);
         if !records.par_iter().all(|record| record.is_sound(self.scene.world())) {
             return Err(GpuError::Failed {
                 what: "photons came back from triangles that are not there".into(),
             });
         }
+        // They come in no order.
         records.par_sort_unstable_by_key(|record| record.name);
         let mut next = 0;
         carried.kept.reserve(records.len());

@@ -13,7 +13,10 @@ use super::{
 };
 use crate::{
     accel::{AccelBuffers, GAMMA_5, GAMMA_19},
-    gpu::{AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, Session, locked},
+    gpu::{
+        AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, ReadBack, Session,
+        locked,
+    },
     scene::Id,
     technique::{
         LIKE_COS, PHOTON_SURVIVAL_MAX,
@@ -399,6 +402,13 @@ impl GpuScene {
             self.let_go(held);
         }
         result
+    }
+
+    /// What a slice brought, read where it is. For whoever holds nothing of the card: then `take` may use all threads, of which
+    /// some may wait for the card.
+    pub(super) fn take<T>(&self, brought: ReadBack, take: impl FnOnce(&[u8]) -> T) -> Result<T, GpuError> {
+        // As for what fails in [`GpuScene::run`].
+        brought.read(take).inspect_err(|_| self.withdraw())
     }
 
     /// Takes it off the card; whoever draws it again brings it back.

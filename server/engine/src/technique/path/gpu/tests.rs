@@ -130,22 +130,23 @@ impl Shot {
         }
     }
 
-    fn begin(&self, tracer: &GpuPathTracer, pass: u32) -> Begun {
+    fn begin(&self, tracer: &mut GpuPathTracer, pass: u32) -> Begun {
         let view = View::new(&self.world, &self.camera, self.size);
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
-        Begun { header, pass, focused: self.focused.clone(), samples: Vec::new() }
+        tracer.make_room(self.size.pixel_count()).unwrap();
+        Begun { header, pass, focused: self.focused.clone(), taken: 0 }
     }
 
     /// - `slice`: paths at a time
     fn on_card_by(&self, scene: &Arc<GpuScene>, pass: u32, slice: u32) -> (Vec<GpuPixelSample>, Counts) {
         let mut tracer = self.tracer(scene);
-        let mut begun = self.begin(&tracer, pass);
+        let mut begun = self.begin(&mut tracer, pass);
         let mut counts = Counts::default();
-        while begun.samples.len() < self.size.pixel_count() {
+        while begun.taken < self.size.pixel_count() {
             tracer.slice = slice;
             counts += tracer.trace_slice(&mut begun, self.size.pixel_count()).unwrap();
         }
-        (begun.samples, counts)
+        (tracer.samples, counts)
     }
 
     fn on_card(&self, scene: &Arc<GpuScene>, pass: u32) -> Pass {

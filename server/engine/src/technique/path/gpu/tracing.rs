@@ -21,7 +21,7 @@ use super::{
     scene::GpuWorld,
 };
 use crate::{
-    gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, Session},
+    gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session},
     technique::Counts,
 };
 
@@ -372,7 +372,7 @@ impl<'a> Tracing<'a> {
         }
         let counters = batch.read_back(&self.paths.places.counters, 0..size_of::<GpuCounters>() as u64)?;
         batch.submit()?;
-        Ok(bytemuck::pod_read_unaligned(&counters.collect()?))
+        counters.read(bytemuck::pod_read_unaligned)
     }
 
     /// Rays of paths that go on.
@@ -406,10 +406,8 @@ impl<'a> Tracing<'a> {
         };
         let bytes = bytes_of(&counters);
         let is_whole = bytes <= bytes_max;
-        let brought = match bytes {
-            1.. if is_whole => self.session.read(&self.paths.places.samples, 0..bytes)?,
-            _ => Vec::new(),
-        };
+        let bytes = if is_whole { bytes } else { 0 };
+        let brought = self.session.fetch(&self.paths.places.samples, 0..bytes)?;
         Ok(Slice { brought, is_whole, counts, first_seconds })
     }
 }
@@ -421,8 +419,8 @@ pub(super) fn workgroups_of(header: &GpuPassHeader) -> [u32; 3] {
 
 /// What a slice brought.
 pub(super) struct Slice {
-    /// [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order.
-    pub(super) brought: Vec<u8>,
+    /// [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order; for [`GpuScene::take`](super::GpuScene).
+    pub(super) brought: ReadBack,
     /// There was room for all of those; else it brings none.
     pub(super) is_whole: bool,
     pub(super) counts: Counts,

@@ -49,14 +49,14 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
         let mut tracer = shot.tracer(&scene);
         let mut film = Film::new(shot.size);
         assert!(!step(&mut tracer, &shot, &mut film, true).complete);
-        assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, 0));
+        assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, 0));
         for kept in [100, 200, 300] {
             let mut begun = tracer.begun.take().unwrap();
             tracer.slice = 100;
             tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
             tracer.begun = Some(begun);
             assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
-            assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().samples.len()), (0, kept));
+            assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, kept));
         }
         let progress = step(&mut tracer, &shot, &mut film, false);
         assert!(progress.complete && tracer.begun.is_none());
@@ -64,6 +64,27 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
         assert!(step(&mut tracer, &shot, &mut film, false).complete);
         assert_same_bits(&undisturbed, &film);
     }
+}
+
+/// Passes of a picture share the memory that their samples come to; that of another size has its own, and a card that failed none.
+#[test]
+fn passes_share_memory_for_samples() {
+    let Some(gpu) = shared() else { return };
+    let shot = cornell();
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let mut tracer = shot.tracer(&scene);
+    film_by(&mut tracer, &shot, 1);
+    let room = tracer.samples.as_ptr();
+    film_by(&mut tracer, &shot, 2);
+    assert_eq!((tracer.samples.as_ptr(), tracer.samples.len()), (room, 48 * 40));
+    assert_eq!(
+        tracer.samples.capacity() * size_of::<GpuPixelSample>(),
+        48 * 40 * GpuPathTracer::BYTES_PER_PIXEL
+    );
+    let small = Shot { size: size(20, 10), ..shot.clone() };
+    let by_itself = film_by(&mut shot.tracer(&scene), &small, 2);
+    assert_same_bits(&by_itself, &film_by(&mut tracer, &small, 2));
+    assert_eq!(tracer.samples.capacity(), 20 * 10);
 }
 
 /// What was begun of another picture is not taken for this one's.
@@ -76,7 +97,7 @@ fn slices_of_another_picture_are_thrown_away() {
     let other = Shot { camera: corner, ..shot.clone() };
     let undisturbed = film_by(&mut other.tracer(&scene), &other, 1);
     let mut tracer = shot.tracer(&scene);
-    let mut begun = shot.begin(&tracer, 0);
+    let mut begun = shot.begin(&mut tracer, 0);
     tracer.slice = 500;
     tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
     tracer.begun = Some(begun);
@@ -92,7 +113,7 @@ fn lost_devices_change_no_bit_of_the_picture() {
         let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
         let mut tracer = shot.tracer(&scene);
         let mut film = Film::new(shot.size);
-        let mut begun = shot.begin(&tracer, 0);
+        let mut begun = shot.begin(&mut tracer, 0);
         tracer.slice = 700;
         tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
         tracer.begun = Some(begun);
@@ -133,7 +154,7 @@ fn scenes_too_large_for_a_card_are_drawn_on_the_cpu() {
         matches!(failure, GpuError::OutOfMemory { bytes_allowed, .. } if bytes_allowed <= 200_000),
         "{failure}"
     );
-    assert_eq!(film.passes_max(), 0);
+    assert_eq!((film.passes_max(), tracer.samples.capacity()), (0, 0));
     assert_eq!(step(&mut tracer, &shot, &mut film, false), Progress::default(), "and stays so");
     let draw = |scene: Option<&Arc<GpuScene>>| {
         let settings = RenderSettings { seed: 6, ..RenderSettings::default() };
