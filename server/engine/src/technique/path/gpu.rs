@@ -25,7 +25,14 @@ mod step_clock;
 mod tests;
 mod tracing;
 
-use std::sync::{Arc, atomic::Ordering};
+use std::{
+    panic::resume_unwind,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+};
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
@@ -48,7 +55,7 @@ use super::{
 };
 use crate::{
     film::{Film, PixelSample},
-    gpu::GpuError,
+    gpu::{GpuError, ReadBack},
     math::{Rgb, sobol::PixelSampler},
     technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
     transport::PathClass,
@@ -136,6 +143,27 @@ struct Begun {
     taken: usize,
 }
 
+/// A pass that is traced.
+#[derive(Debug)]
+struct Running {
+    begun: Begun,
+    coming: Option<Coming>,
+}
+
+impl Running {
+    /// Pixels, in rows, whose paths were traced.
+    fn traced(&self) -> usize {
+        self.begun.taken + self.coming.as_ref().map_or(0, |coming| coming.count)
+    }
+}
+
+/// Samples on their way from the card, after those that are here.
+#[derive(Debug)]
+struct Coming {
+    count: usize,
+    brought: ReadBack,
+}
+
 /// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] and a [`FocusedLight`] that are packed for it.
 ///
 /// After an error it draws nothing more and says why: [`GpuPathTracer::failure`]. The film is then as valid as before, and the
@@ -191,26 +219,80 @@ impl GpuPathTracer {
         &self.scene
     }
 
-    /// Samples of the next slice of a pass, and the work they took.
-    fn trace_slice(&mut self, begun: &mut Begun, pixel_count: usize) -> Result<Counts, GpuError> {
-        let first_pixel = begun.taken as u32;
+    /// Traces the next slice of a pass; its samples are coming then. Returns the work that took.
+    ///
+    /// Meanwhile a thread takes those of the slice before, so that the card does not wait for it. A thread of its own and no
+    /// other: the card is held here, and others may wait for that. They are here before more are sent for, so that a pass never needs
+    /// room for those of two slices on their way.
+    fn trace_slice(&mut self, running: &mut Running, pixel_count: usize) -> Result<Counts, GpuError> {
+        let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let light = LightBeside { known: self.secondary.as_ref(), focused: begun.focused.as_ref() };
-        let slice = self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
-            let capacity = tracing.capacity();
-            let path_count = wanted.min(capacity);
-            tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..begun.header })
+        let Running { begun: Begun { header, focused, taken, .. }, coming } = running;
+        let light = LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref() };
+        let room = &mut self.samples[*taken..];
+        let (slice, next) = thread::scope(|scope| {
+            let take = |Coming { count, brought }| {
+                thread::Builder::new().spawn_scoped(scope, move || {
+                    brought.read(|bytes| copy_samples(bytes, &mut room[..count]))?;
+                    *taken += count;
+                    Ok(())
+                })
+            };
+            let no_thread = |error| GpuError::Failed { what: format!("no thread to take samples: {error}") };
+            let taking = coming.take().map(take).transpose().map_err(no_thread)?;
+            self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
+                let capacity = tracing.capacity();
+                let path_count = wanted.min(capacity);
+                let slice =
+                    tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..*header })?;
+                if let Some(taking) = taking {
+                    taking.join().unwrap_or_else(|panic| resume_unwind(panic))?;
+                }
+                let brought = tracing.bring(&slice)?;
+                Ok((slice, Coming { count: path_count as usize, brought }))
+            })
         })?;
-        let room = &mut self.samples[begun.taken..];
-        begun.taken += self.scene.take(slice.brought, |bytes| copy_samples(bytes, room))?;
+        *coming = Some(next);
         self.slice = self.scene.slice_after(self.slice, wanted, slice.first_seconds);
         Ok(slice.counts)
     }
 
+    /// Takes the samples that are coming, by all threads: nothing of the card is held here.
+    fn take_coming(&mut self, running: &mut Running) -> Result<(), GpuError> {
+        let Some(Coming { count, brought }) = running.coming.take() else { return Ok(()) };
+        let room = self.samples[running.begun.taken..][..count].par_chunks_mut(SAMPLES_AT_ONCE);
+        self.scene.take(brought, |bytes| {
+            let parts = bytes.par_chunks(SAMPLES_AT_ONCE * SAMPLE_BYTES as usize);
+            room.zip(parts).for_each(|(room, bytes)| copy_samples(bytes, room));
+        })?;
+        running.begun.taken += count;
+        Ok(())
+    }
+
+    /// Slices until a pass is whole or is not wanted any more. Their samples are here then; after an error some of them are.
+    fn trace_slices(
+        &mut self,
+        running: &mut Running,
+        pixel_count: usize,
+        cancel: &AtomicBool,
+    ) -> Result<Progress, GpuError> {
+        let mut progress = Progress { complete: true, ..Progress::default() };
+        while running.traced() < pixel_count {
+            if cancel.load(Ordering::Relaxed) {
+                progress.complete = false;
+                break;
+            }
+            progress.counts += self.trace_slice(running, pixel_count)?;
+        }
+        self.take_coming(running)?;
+        Ok(progress)
+    }
+
     /// The whole pass, or as far as it came.
     fn trace_pass(&mut self, step: &mut Step<'_>) -> Result<Progress, GpuError> {
-        let mut progress = Progress { complete: true, ..Progress::default() };
-        let Some(Canvas { view, film }) = &mut step.canvas else { return Ok(progress) };
+        let Some(Canvas { view, film }) = &mut step.canvas else {
+            return Ok(Progress { complete: true, ..Progress::default() });
+        };
         let pass = film.passes_min();
         let pixel_count = film.size().pixel_count();
         let header = self.header_of(view, film, pass);
@@ -219,23 +301,23 @@ impl GpuPathTracer {
             let is_same = known::is_same(begun.focused.as_ref(), focused.as_ref());
             begun.header == header && begun.pass == pass && is_same
         };
-        let mut begun = match self.begun.take().filter(of_this) {
+        let begun = match self.begun.take().filter(of_this) {
             Some(begun) => begun,
             None => {
                 self.make_room(pixel_count)?;
                 Begun { header, pass, focused: focused.clone(), taken: 0 }
             }
         };
-        while begun.taken < pixel_count {
-            if step.cancel.load(Ordering::Relaxed) {
-                self.begun = Some(begun);
-                return Ok(Progress { complete: false, ..progress });
-            }
-            progress.counts += self.trace_slice(&mut begun, pixel_count)?;
+        let mut running = Running { begun, coming: None };
+        let traced = self.trace_slices(&mut running, pixel_count, step.cancel);
+        if running.begun.taken < pixel_count {
+            // Cancelled, or the device was lost: samples that are here stay.
+            self.begun = Some(running.begun);
+            return traced;
         }
         self.add_to(film);
         self.scene.losses.store(0, Ordering::Relaxed);
-        Ok(progress)
+        traced
     }
 
     /// Has room for the samples of a pass.
@@ -298,14 +380,9 @@ impl GpuPathTracer {
     }
 }
 
-/// Copies samples from where a card left them to the beginning of a room, by all threads. Returns how many.
-fn copy_samples(bytes: &[u8], room: &mut [GpuPixelSample]) -> usize {
-    let count = bytes.len() / SAMPLE_BYTES as usize;
-    let rooms = room[..count].par_chunks_mut(SAMPLES_AT_ONCE);
-    rooms.zip(bytes.par_chunks(SAMPLES_AT_ONCE * SAMPLE_BYTES as usize)).for_each(|(room, bytes)| {
-        bytemuck::cast_slice_mut(room).copy_from_slice(bytes);
-    });
-    count
+/// Copies samples, as many as there is room for, from where a card left them.
+fn copy_samples(bytes: &[u8], room: &mut [GpuPixelSample]) {
+    bytemuck::cast_slice_mut(room).copy_from_slice(bytes);
 }
 
 fn sample_of(packed: &GpuPixelSample) -> PixelSample {

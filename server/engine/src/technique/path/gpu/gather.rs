@@ -170,11 +170,13 @@ impl GpuGatherer {
             samples.map(|sample| bytemuck::pod_read_unaligned::<GpuRaySample>(sample).arrived()).collect()
         };
         let (arrived, counts, first_seconds) = self.scene.through_losses(|| {
-            let slice = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
+            let (slice, brought) = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
                 tracing.write_starts(&rays)?;
-                tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
+                let slice = tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })?;
+                let brought = tracing.bring(&slice)?;
+                Ok((slice, brought))
             })?;
-            Ok((self.scene.take(slice.brought, arrived)?, slice.counts, slice.first_seconds))
+            Ok((self.scene.take(brought, arrived)?, slice.counts, slice.first_seconds))
         })?;
         self.slices.answered(&self.scene, header.path_count, first_seconds);
         self.slices.count(u64::from(header.path_count));

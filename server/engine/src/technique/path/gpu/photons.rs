@@ -139,11 +139,13 @@ impl GpuPhotons {
             bytes.par_chunks_exact(size_of::<GpuKeptPhoton>()).map(bytemuck::pod_read_unaligned).collect()
         };
         let (mut records, is_whole, first_seconds) = self.scene.through_losses(|| {
-            let slice = self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
+            let (slice, brought) = self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
                 tracing.write_starts(&photons)?;
-                tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })
+                let slice = tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })?;
+                let brought = tracing.bring(&slice)?;
+                Ok((slice, brought))
             })?;
-            Ok((self.scene.take(slice.brought, of_bytes)?, slice.is_whole, slice.first_seconds))
+            Ok((self.scene.take(brought, of_bytes)?, slice.is_whole, slice.first_seconds))
         })?;
         if !is_whole {
             let (first, second) = sent.split_at(sent.len() / 2);

@@ -130,22 +130,24 @@ impl Shot {
         }
     }
 
-    fn begin(&self, tracer: &mut GpuPathTracer, pass: u32) -> Begun {
+    fn begin(&self, tracer: &mut GpuPathTracer, pass: u32) -> Running {
         let view = View::new(&self.world, &self.camera, self.size);
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
         tracer.make_room(self.size.pixel_count()).unwrap();
-        Begun { header, pass, focused: self.focused.clone(), taken: 0 }
+        let begun = Begun { header, pass, focused: self.focused.clone(), taken: 0 };
+        Running { begun, coming: None }
     }
 
     /// - `slice`: paths at a time
     fn on_card_by(&self, scene: &Arc<GpuScene>, pass: u32, slice: u32) -> (Vec<GpuPixelSample>, Counts) {
         let mut tracer = self.tracer(scene);
-        let mut begun = self.begin(&mut tracer, pass);
+        let mut running = self.begin(&mut tracer, pass);
         let mut counts = Counts::default();
-        while begun.taken < self.size.pixel_count() {
+        while running.traced() < self.size.pixel_count() {
             tracer.slice = slice;
-            counts += tracer.trace_slice(&mut begun, self.size.pixel_count()).unwrap();
+            counts += tracer.trace_slice(&mut running, self.size.pixel_count()).unwrap();
         }
+        tracer.take_coming(&mut running).unwrap();
         (tracer.samples, counts)
     }
 

@@ -406,9 +406,13 @@ impl<'a> Tracing<'a> {
         };
         let bytes = bytes_of(&counters);
         let is_whole = bytes <= bytes_max;
-        let bytes = if is_whole { bytes } else { 0 };
-        let brought = self.session.fetch(&self.paths.places.samples, 0..bytes)?;
-        Ok(Slice { brought, is_whole, counts, first_seconds })
+        Ok(Slice { byte_count: if is_whole { bytes } else { 0 }, is_whole, counts, first_seconds })
+    }
+
+    /// Sends for what a slice left: [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order. The next slice may
+    /// begin before they are read.
+    pub(super) fn bring(self, slice: &Slice) -> Result<ReadBack, GpuError> {
+        self.session.fetch(&self.paths.places.samples, 0..slice.byte_count)
     }
 }
 
@@ -417,11 +421,11 @@ pub(super) fn workgroups_of(header: &GpuPassHeader) -> [u32; 3] {
     [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1]
 }
 
-/// What a slice brought.
+/// A slice that was traced.
 pub(super) struct Slice {
-    /// [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order; for [`GpuScene::take`](super::GpuScene).
-    pub(super) brought: ReadBack,
-    /// There was room for all of those; else it brings none.
+    /// Of what it left, for [`Tracing::bring`].
+    byte_count: u64,
+    /// There was room for all of that; else it brings nothing.
     pub(super) is_whole: bool,
     pub(super) counts: Counts,
     /// Of its first batch, the longest.

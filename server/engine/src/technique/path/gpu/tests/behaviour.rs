@@ -51,10 +51,11 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
         assert!(!step(&mut tracer, &shot, &mut film, true).complete);
         assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, 0));
         for kept in [100, 200, 300] {
-            let mut begun = tracer.begun.take().unwrap();
+            let mut running = Running { begun: tracer.begun.take().unwrap(), coming: None };
             tracer.slice = 100;
-            tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
-            tracer.begun = Some(begun);
+            tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
+            tracer.take_coming(&mut running).unwrap();
+            tracer.begun = Some(running.begun);
             assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
             assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, kept));
         }
@@ -74,9 +75,9 @@ fn passes_share_memory_for_samples() {
     let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
     let mut tracer = shot.tracer(&scene);
     film_by(&mut tracer, &shot, 1);
-    let room = tracer.samples.as_ptr();
-    film_by(&mut tracer, &shot, 2);
-    assert_eq!((tracer.samples.as_ptr(), tracer.samples.len()), (room, 48 * 40));
+    let samples = tracer.samples.clone();
+    tracer.make_room(shot.size.pixel_count()).unwrap();
+    assert!(tracer.samples == samples, "the same memory, not cleared");
     assert_eq!(
         tracer.samples.capacity() * size_of::<GpuPixelSample>(),
         48 * 40 * GpuPathTracer::BYTES_PER_PIXEL
@@ -97,10 +98,11 @@ fn slices_of_another_picture_are_thrown_away() {
     let other = Shot { camera: corner, ..shot.clone() };
     let undisturbed = film_by(&mut other.tracer(&scene), &other, 1);
     let mut tracer = shot.tracer(&scene);
-    let mut begun = shot.begin(&mut tracer, 0);
+    let mut running = shot.begin(&mut tracer, 0);
     tracer.slice = 500;
-    tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
-    tracer.begun = Some(begun);
+    tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
+    tracer.take_coming(&mut running).unwrap();
+    tracer.begun = Some(running.begun);
     assert_same_bits(&undisturbed, &film_by(&mut tracer, &other, 1));
 }
 
@@ -113,10 +115,11 @@ fn lost_devices_change_no_bit_of_the_picture() {
         let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
         let mut tracer = shot.tracer(&scene);
         let mut film = Film::new(shot.size);
-        let mut begun = shot.begin(&mut tracer, 0);
+        let mut running = shot.begin(&mut tracer, 0);
         tracer.slice = 700;
-        tracer.trace_slice(&mut begun, shot.size.pixel_count()).unwrap();
-        tracer.begun = Some(begun);
+        tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
+        tracer.take_coming(&mut running).unwrap();
+        tracer.begun = Some(running.begun);
         let before = gpu.session().unwrap().generation();
         gpu.session().unwrap().lose_for_test();
         assert!(step(&mut tracer, &shot, &mut film, false).complete, "slices are kept on this side");
@@ -137,6 +140,50 @@ fn lost_devices_change_no_bit_of_the_picture() {
         assert_eq!(tracer.failure(), None);
         assert_same_bits(&undisturbed, &film);
     }
+}
+
+/// A device that goes while samples are on their way takes those along and no others; they are traced again.
+#[test]
+fn samples_on_their_way_go_with_the_device_and_others_stay() {
+    let Some(gpu) = open().map(Arc::new) else { return };
+    let shot = cornell();
+    let pixel_count = shot.size.pixel_count();
+    let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
+    let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 1);
+    let mut tracer = shot.tracer(&scene);
+    let mut film = Film::new(shot.size);
+    let mut running = shot.begin(&mut tracer, 0);
+    for slices in 1..4 {
+        tracer.slice = 100;
+        tracer.trace_slice(&mut running, pixel_count).unwrap();
+        assert_eq!((running.begun.taken, running.traced()), (100 * (slices - 1), 100 * slices));
+    }
+    gpu.session().unwrap().lose_for_test();
+    let traced = tracer.trace_slices(&mut running, pixel_count, &AtomicBool::new(false));
+    assert_eq!(traced, Err(GpuError::Lost));
+    assert_eq!((running.begun.taken, running.traced()), (200, 200));
+    tracer.begun = Some(running.begun);
+    let progress = step(&mut tracer, &shot, &mut film, false);
+    assert!(progress.complete && tracer.failure().is_none());
+    assert_eq!(progress.counts.paths, pixel_count as u64 - 200);
+    assert_same_bits(&undisturbed, &film);
+}
+
+/// However many slices a pass has, those of one are on their way at a time: a card needs room for no more.
+#[test]
+fn samples_of_one_slice_are_on_their_way_at_a_time() {
+    let options = |bytes_max| GpuOptions { adapter: AdapterChoice::Any, bytes_max, ..GpuOptions::default() };
+    let shot = cornell();
+    let on = |bytes_max| {
+        let gpu = Arc::new(open_with(&options(bytes_max))?);
+        let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+        let (samples, _) = shot.on_card_by(&scene, 0, 320);
+        Some((samples, scene.bytes()))
+    };
+    let Some((undisturbed, alone)) = on(u64::MAX) else { return };
+    // And for the counters of a batch.
+    let room = 320 * SAMPLE_BYTES + 1000;
+    assert!(on(alone + room).is_some_and(|(samples, _)| samples == undisturbed));
 }
 
 /// A scene that a card has no room for is an error with its numbers, and the CPU draws the picture, from its first bit on.
