@@ -54,7 +54,9 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
             let mut running = Running { begun: tracer.begun.take().unwrap(), coming: None };
             tracer.slice = 100;
             tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
-            tracer.take_coming(&mut running).unwrap();
+            let cancelled = AtomicBool::new(true);
+            let traced = tracer.trace_slices(&mut running, shot.size.pixel_count(), &cancelled).unwrap();
+            assert_eq!((traced, running.begun.taken, running.traced()), (Progress::default(), kept, kept));
             tracer.begun = Some(running.begun);
             assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
             assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, kept));
