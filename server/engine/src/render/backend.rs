@@ -25,15 +25,20 @@ use crate::{
     transport::World,
 };
 
-/// Longest side of the pictures by which backends are compared, px.
-const TRIAL_SIDE_MAX: u32 = 256;
+/// Longest sides of the pictures by which backends are compared, px. Two, since a card takes its time to begin with anything and little
+/// more for more: what it takes for a large picture is not told by a small one (on an H200 256 × 144 pixels of Sponza take longer than on
+/// 16 threads, 1920 × 1080 a third).
+const TRIAL_SIDES_MAX: [u32; 2] = [256, 512];
+/// Least share of what a pixel of the larger one takes that each further one is taken to cost, as times are of chance.
+const TRIAL_SLOPE_MIN: f64 = 0.1;
 /// Passes of each; the fastest counts.
 const TRIAL_PASSES: u32 = 2;
 /// Rays that light is gathered along for each pixel of such a picture: as many in all as some hundred records send, so that a card
 /// has enough to do.
 const TRIAL_RAYS: u32 = 2;
 
-/// Seconds that a pass takes on either backend, and gathering light along rays where pictures have records of their own.
+/// Seconds that a pass of the picture takes on either backend, as smaller ones tell, and gathering light along rays where pictures have
+/// records of their own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackendTrial {
     /// On the threads of the pool that it was asked in.
@@ -43,7 +48,7 @@ pub struct BackendTrial {
 }
 
 impl BackendTrial {
-    /// Draws a small picture on both, of direct light where other light is looked up, and gathers for one where that has records.
+    /// Draws small pictures on both, of direct light where other light is looked up, and gathers for one where that has records.
     ///
     /// Errors: what the card does not do.
     pub fn run(
@@ -52,29 +57,29 @@ impl BackendTrial {
         size: PictureSize,
         settings: &RenderSettings,
     ) -> Result<BackendTrial, GpuError> {
-        let shrink = f64::from(size.width().max(size.height())) / f64::from(TRIAL_SIDE_MAX);
-        let side = |length: u32| ((f64::from(length) / shrink.max(1.0)) as u32).max(1);
-        let size = PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size);
         let world = scene.world();
-        let view = View::new(world, view, size);
+        let [small, larger] = TRIAL_SIDES_MAX.map(|side_max| shrunk(size, side_max));
         let learnt = settings.learns(&EffectPlan::of(world.scene()));
         let paths = if learnt.is_some() { all_paths(settings).asking() } else { all_paths(settings) };
         let mut cpu = PathTracer::new(paths);
         let mut card = GpuPathTracer::new(Arc::clone(scene), paths);
-        let drawing = BackendTrial {
-            cpu_seconds: fastest_pass(&mut cpu, world, &view, size),
-            gpu_seconds: fastest_pass(&mut card, world, &view, size),
+        let pass_seconds = |technique: &mut dyn Technique| {
+            let of = |size| fastest_pass(technique, world, &View::new(world, view, size), size);
+            seconds_for(size, [small, larger], [small, larger].map(of))
         };
+        let [cpu_seconds, gpu_seconds] = [&mut cpu as &mut dyn Technique, &mut card].map(pass_seconds);
+        let drawing = BackendTrial { cpu_seconds, gpu_seconds };
         if let Some(error) = card.failure() {
             return Err(error.clone());
         }
         if learnt != Some(Learnt::Records) {
             return Ok(drawing);
         }
-        let gathering = BackendTrial::of_gathering(scene, &view, size, settings)?;
+        let gathering = BackendTrial::of_gathering(scene, &View::new(world, view, small), small, settings)?;
+        let as_often = size.pixel_count() as f64 / small.pixel_count() as f64;
         Ok(BackendTrial {
-            cpu_seconds: drawing.cpu_seconds + gathering.cpu_seconds,
-            gpu_seconds: drawing.gpu_seconds + gathering.gpu_seconds,
+            cpu_seconds: drawing.cpu_seconds + as_often * gathering.cpu_seconds,
+            gpu_seconds: drawing.gpu_seconds + as_often * gathering.gpu_seconds,
         })
     }
 
@@ -103,6 +108,25 @@ impl BackendTrial {
     pub fn gpu_is_faster(&self) -> bool {
         self.gpu_seconds < self.cpu_seconds
     }
+}
+
+/// A picture of that form whose longest side is no longer.
+fn shrunk(size: PictureSize, side_max: u32) -> PictureSize {
+    let shrink = f64::from(size.width().max(size.height())) / f64::from(side_max);
+    let side = |length: u32| ((f64::from(length) / shrink.max(1.0)) as u32).max(1);
+    PictureSize::new(side(size.width()), side(size.height())).unwrap_or(size)
+}
+
+/// What a pass of a size takes, where passes of a smaller size and of one in between took so long.
+fn seconds_for(size: PictureSize, tried: [PictureSize; 2], [small, larger]: [f64; 2]) -> f64 {
+    // One that did not end its passes.
+    if !larger.is_finite() {
+        return f64::INFINITY;
+    }
+    let [of_small, of_larger, all] = [tried[0], tried[1], size].map(|size| size.pixel_count() as f64);
+    let each = larger / of_larger;
+    let slope = (larger - small) / (of_larger - of_small).max(1.0);
+    larger + slope.clamp(TRIAL_SLOPE_MIN * each, each) * (all - of_larger)
 }
 
 fn fastest_pass(technique: &mut dyn Technique, world: &World, view: &View, size: PictureSize) -> f64 {
@@ -387,5 +411,33 @@ impl Rendering {
             self.leave_gpu();
         }
         rays
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What takes as long for every pixel is told by any two sizes, with what it takes to begin; chance neither makes pixels free nor dearer
+    /// than those that were drawn.
+    #[test]
+    fn small_passes_tell_what_large_ones_take() {
+        let size = |width| PictureSize::new(width, 100).unwrap();
+        let (tried, whole) = ([size(10), size(40)], size(1000));
+        let near = |of: [f64; 2], expected: f64| {
+            let seconds = seconds_for(whole, tried, of);
+            assert!((seconds - expected).abs() < 1e-9, "{of:?}: {seconds} for {expected}");
+        };
+        near([0.001 * 1000.0, 0.001 * 4000.0], 0.001 * 100_000.0);
+        near([3.0 + 0.001 * 1000.0, 3.0 + 0.001 * 4000.0], 3.0 + 0.001 * 100_000.0);
+        // Faster with more pixels: a tenth of what one took.
+        near([8.0, 4.0], 4.0 + 0.0001 * 96_000.0);
+        // As if pixels became dearer.
+        near([0.1, 4.0], 0.001 * 100_000.0);
+        assert_eq!(seconds_for(whole, tried, [1.0, f64::INFINITY]), f64::INFINITY);
+        assert_eq!(seconds_for(size(40), tried, [1.0, 2.0]), 2.0);
+        assert_eq!(seconds_for(size(10), [size(10); 2], [1.0, 1.5]), 1.5);
+        assert_eq!(shrunk(PictureSize::new(1920, 1080).unwrap(), 256), PictureSize::new(256, 144).unwrap());
+        assert_eq!(shrunk(size(40), 256), size(40));
     }
 }

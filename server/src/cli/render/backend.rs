@@ -65,8 +65,7 @@ impl DrawnOn {
         match BackendTrial::run(&scene, view, size, settings) {
             Ok(trial) => {
                 let [cpu_ms, gpu_ms] = [trial.cpu_seconds, trial.gpu_seconds].map(|seconds| seconds * 1e3);
-                let took =
-                    format!("a trial at small size takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
+                let took = format!("by a trial a pass takes {gpu_ms:.1} ms there, {cpu_ms:.1} ms on the CPU");
                 if trial.gpu_is_faster() {
                     eprintln!("drawing on {name}: {took}");
                     return DrawnOn::Gpu(scene);

@@ -253,7 +253,7 @@ impl GpuPathTracer {
             })
         })?;
         *coming = Some(next);
-        self.slice = self.scene.slice_after(self.slice, wanted, slice.first_seconds);
+        self.slice = self.scene.slice_after(PathStart::Pixels, self.slice, wanted, slice.first_seconds);
         Ok(slice.counts)
     }
 

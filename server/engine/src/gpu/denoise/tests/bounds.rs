@@ -225,7 +225,9 @@ fn mean_of(around: &[(Known, Known)]) -> Known {
         .iter()
         .map(|(weight, of)| weight.off * (of.value - value).abs() + (weight.value + weight.off) * of.off)
         .sum();
-    Known { value, off: off / least + (2.0 * OF_SUM + OF_QUOTIENT) * value + TINY }
+    // Every product may have counted as zero.
+    let flushed = around.len() as f64 * TINY;
+    Known { value, off: (off + flushed) / least + (2.0 * OF_SUM + OF_QUOTIENT) * value + TINY }
 }
 
 /// Variance of a mean by such weights.
@@ -243,6 +245,7 @@ fn variance_of(around: &[(Known, &[Known; ALONE])]) -> Known {
     let value = sum / weights.powi(2);
     let most = (sum_most + of_values) / weights_least.powi(2);
     let least = ((sum_least - of_values) / weights_most.powi(2)).max(0.0);
-    let rounding = (4.0 * OF_SUM + OF_QUOTIENT) * most + TINY;
+    let flushed = around.len() as f64 * TINY / weights_least.powi(2);
+    let rounding = (4.0 * OF_SUM + OF_QUOTIENT) * most + flushed + TINY;
     Known { value, off: (most - value).max(value - least) + rounding }
 }

@@ -127,7 +127,7 @@ pub struct GpuGatherer {
 impl GpuGatherer {
     /// On the card that a scene is on.
     pub fn new(scene: Arc<GpuScene>) -> GpuGatherer {
-        GpuGatherer { scene, slices: Slices::new() }
+        GpuGatherer { scene, slices: Slices::new(PathStart::Rays) }
     }
 
     /// Leaves everything to the CPU from now on.

@@ -105,7 +105,7 @@ pub struct GpuPhotons {
 impl GpuPhotons {
     /// On the card that a scene is on.
     pub fn new(scene: Arc<GpuScene>) -> GpuPhotons {
-        GpuPhotons { scene, slices: Slices::new() }
+        GpuPhotons { scene, slices: Slices::new(PathStart::Photons) }
     }
 
     /// Leaves everything to the CPU from now on.

@@ -9,7 +9,7 @@ use super::{
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
     lookouts::Lookouts,
     splats::Splatting,
-    tracing::{PathStart, Paths, SLICE_MAX, SLICE_MIN, SOFTWARE_SLICE_MAX, Tracing, WORKGROUP},
+    tracing::{PathStart, Paths, SLICE_MIN, Tracing, WORKGROUP},
 };
 use crate::{
     accel::{AccelBuffers, GAMMA_5, GAMMA_19},
@@ -304,18 +304,13 @@ impl GpuScene {
         })
     }
 
-    /// Most paths of a slice.
-    fn slice_max(&self) -> u32 {
-        if self.is_software { SOFTWARE_SLICE_MAX } else { SLICE_MAX }
-    }
-
     /// Paths of the slice after one of so many, of which `traced` were there, by the seconds that its first batch took.
-    pub(super) fn slice_after(&self, slice: u32, traced: u32, first_seconds: f64) -> u32 {
+    pub(super) fn slice_after(&self, from: PathStart, slice: u32, traced: u32, first_seconds: f64) -> u32 {
         let seconds_max = if self.is_software { SOFTWARE_BATCH_SECONDS } else { BATCH_SECONDS };
         if first_seconds > seconds_max {
             (slice / 2).max(SLICE_MIN)
         } else if first_seconds < seconds_max / 3.0 && traced == slice {
-            (slice * 2).min(self.slice_max())
+            (slice * 2).min(from.slice_max(self.is_software))
         } else {
             slice
         }
@@ -331,7 +326,8 @@ impl GpuScene {
         light: LightBeside<'_>,
         work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        let capacity = u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, self.slice_max());
+        let capacity =
+            u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, from.slice_max(self.is_software));
         // Room first, since light may have to go for it.
         let (mut held, packed) = self.packed_for(light, |ready| ready.make_room(from, capacity))?;
         self.run(&mut held, |ready| {

@@ -2,7 +2,10 @@
 
 use std::sync::{Mutex, atomic::Ordering};
 
-use super::{GpuScene, LOSSES_MAX, tracing::SLICE_MIN};
+use super::{
+    GpuScene, LOSSES_MAX,
+    tracing::{PathStart, SLICE_MIN},
+};
 use crate::gpu::{GpuError, locked};
 
 /// Asked for at once, over those of a slice: while one slice is on the card others wait, so that slices are as large as they
@@ -11,7 +14,10 @@ const SLICES_AT_ONCE: usize = 2;
 
 /// Of one who asks.
 #[derive(Debug)]
-pub(super) struct Slices(Mutex<State>);
+pub(super) struct Slices {
+    from: PathStart,
+    state: Mutex<State>,
+}
 
 #[derive(Debug)]
 struct State {
@@ -26,29 +32,30 @@ struct State {
 
 impl Slices {
     /// Nothing asked yet.
-    pub(super) fn new() -> Slices {
-        Slices(Mutex::new(State { slice: SLICE_MIN, path_count: 0, is_over: false, failure: None }))
+    pub(super) fn new(from: PathStart) -> Slices {
+        let state = State { slice: SLICE_MIN, path_count: 0, is_over: false, failure: None };
+        Slices { from, state: Mutex::new(state) }
     }
 
     /// Nothing more is asked.
     pub(super) fn stop(&self) {
-        locked(&self.0).is_over = true;
+        locked(&self.state).is_over = true;
     }
 
     /// The same, and why.
     pub(super) fn fail(&self, error: GpuError) {
-        let mut state = locked(&self.0);
+        let mut state = locked(&self.state);
         (state.is_over, state.failure) = (true, Some(error));
     }
 
     /// Why nothing more is asked.
     pub(super) fn failure(&self) -> Option<GpuError> {
-        locked(&self.0).failure.clone()
+        locked(&self.state).failure.clone()
     }
 
     /// Paths that were answered.
     pub(super) fn path_count(&self) -> u64 {
-        locked(&self.0).path_count
+        locked(&self.state).path_count
     }
 
     /// How many are best asked for together; `None` where nothing more is asked.
@@ -58,19 +65,19 @@ impl Slices {
 
     /// Paths of the next slice at most; `None` where nothing more is asked.
     pub(super) fn next(&self) -> Option<usize> {
-        let state = locked(&self.0);
+        let state = locked(&self.state);
         (!state.is_over).then_some(state.slice as usize)
     }
 
     /// So many were answered, and are used.
     pub(super) fn count(&self, path_count: u64) {
-        locked(&self.0).path_count += path_count;
+        locked(&self.state).path_count += path_count;
     }
 
     /// A slice of so many was answered, whose first batch took so long.
     pub(super) fn answered(&self, scene: &GpuScene, path_count: u32, first_seconds: f64) {
-        let mut state = locked(&self.0);
-        state.slice = scene.slice_after(state.slice, path_count, first_seconds);
+        let mut state = locked(&self.state);
+        state.slice = scene.slice_after(self.from, state.slice, path_count, first_seconds);
     }
 }
 

@@ -27,14 +27,16 @@ use crate::{
 
 /// Invocations of a workgroup.
 pub(super) const WORKGROUP: u32 = 64;
-/// Fewest and most paths of a slice, some 400 bytes each, photons 590: cards run some 10⁵ at once, and every scene that is looked at has places of
-/// its own.
+/// Fewest and most paths of a slice, some 400 bytes each, photons 590: cards run some 10⁵ at once, the last of a slice keep them waiting, and
+/// every scene that is looked at has places of its own.
 pub(super) const SLICE_MIN: u32 = 4096;
-pub(super) const SLICE_MAX: u32 = 1 << 18;
+const SLICE_MAX: u32 = 1 << 19;
+/// The same of rays that light is gathered along, and of photons.
+const BESIDE_SLICE_MAX: u32 = 1 << 18;
 /// The same where the adapter is the CPU itself.
-pub(super) const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
-/// Scatterings of the first batch of a slice, and most of a later one, which has ever fewer paths.
-const SCATTERINGS_FIRST: u32 = 4;
+const SOFTWARE_SLICE_MAX: u32 = 1 << 16;
+/// Scatterings of the first two batches of a slice, and most of a later one, which has ever fewer paths.
+const SCATTERINGS_FIRST: u32 = 2;
 const SCATTERINGS_MAX: u32 = 64;
 
 /// Bytes of a path on the card, by buffer: state, hit, a shadow ray, sample, a place in a queue; and of a ray that it begins
@@ -66,6 +68,17 @@ pub(super) enum PathStart {
 impl PathStart {
     /// How many there are.
     pub(super) const COUNT: usize = 3;
+
+    /// Most paths of a slice.
+    ///
+    /// - `is_software`: the adapter is the CPU itself
+    pub(super) fn slice_max(self, is_software: bool) -> u32 {
+        match self {
+            _ if is_software => SOFTWARE_SLICE_MAX,
+            PathStart::Pixels => SLICE_MAX,
+            PathStart::Rays | PathStart::Photons => BESIDE_SLICE_MAX,
+        }
+    }
 
     fn begin(self) -> &'static Shader {
         match self {
@@ -396,8 +409,8 @@ impl<'a> Tracing<'a> {
         };
         // What has no room now has none at the end.
         while counters.ray_count > 0 && bytes_of(&counters) <= bytes_max {
-            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
             counters = self.trace(header, 1, scatterings)?;
+            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
         }
         let counts = Counts {
             rays: u64::from(counters.rays),
