@@ -13,8 +13,8 @@
 #   --programs FOLDER  runs what --build made, and builds nothing
 #   --help        this text
 #
-# Needs Rust (but with --programs) and a driver for Vulkan, Metal or DirectX 12; installs nothing. Scenes are the built-in box and, where ../shared
-# is there, four of its scenes. Ends with 1 and names what failed if anything did; the rest is run and written all the same.
+# Needs Rust, unless --programs is given, and a driver for Vulkan, Metal or DirectX 12; installs nothing. Scenes are the built-in
+# box and, where ../shared or $LUMICAST_SHARED is there, four of its scenes. Ends with 1 and names what failed if anything did; the rest is run and written all the same.
 set -uo pipefail
 started_in=$PWD
 cd "$(dirname "$0")/.." || exit 1
@@ -37,6 +37,10 @@ while [ $# -gt 0 ]; do
 done
 from_start() { case "$1" in '' | /*) printf '%s' "$1" ;; *) printf '%s' "$started_in/$1" ;; esac; }
 out=$(from_start "$out") programs=$(from_start "$programs") built=$(from_start "$built")
+[ -z "$programs" ] || [ -z "$built" ] || refuse "--build and --programs: one of them"
+for program in lumicast bench shaders-tests engine-tests; do
+    [ -z "$programs" ] || [ -x "$programs/$program" ] || refuse "--programs $programs: no program $program there, as --build makes it"
+done
 [ -d "$(dirname "$out")" ] || refuse "--out $out: there is no such folder"
 
 work=$(mktemp -d) || exit 1
@@ -74,6 +78,11 @@ if [ -z "$programs" ]; then
 fi
 lumicast=$programs/lumicast
 
+# The bench would look beside the sources that it was built from.
+shared=${LUMICAST_SHARED:-}
+for folder in ../shared ../../shared; do [ -n "$shared" ] || [ ! -d "$folder/scenes" ] || shared=$(cd "$folder" && pwd); done
+[ -z "$shared" ] || export LUMICAST_SHARED=$shared
+
 say "the adapter"
 if ! adapter=$(bench adapter 2>"$work/adapter"); then
     cat "$work/adapter" >&2
@@ -86,19 +95,15 @@ case "$adapter" in *"(software,"*) is_software=yes ;; *) is_software=no ;; esac
 
 say "tests"
 tests_passed=true
-: >"$work/tests"
-for tested in shaders engine; do
-    LUMICAST_GPU=required "$programs/$tested-tests" gpu 2>&1 | tee -a "$work/tests" >&2
-    [ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests of the $tested"; }
-done
+LUMICAST_GPU=required "$programs/engine-tests" gpu 2>&1 | tee "$work/tests" >&2
+[ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests of the engine"; }
+"$programs/shaders-tests" 2>&1 | tee "$work/shaders" >&2
+[ "${PIPESTATUS[0]}" = 0 ] || { tests_passed=false; failed "tests of the shaders"; }
 test_count=$(sed -n 's/^test result: .* \([0-9]*\) passed.*/\1/p' "$work/tests" | awk '{ sum += $1 } END { print sum + 0 }')
 [ "$test_count" -gt 0 ] || { tests_passed=false; failed "tests: none ran"; }
 
 say "pictures"
 scenes=(builtin:cornell-box)
-# As the bench finds it.
-shared=${LUMICAST_SHARED:-}
-for folder in ../shared ../../shared; do [ -n "$shared" ] || [ ! -d "$folder/scenes" ] || shared=$folder; done
 shared=${shared:-../shared}
 for file in sponza.glb sibenik.glb dragon-room.glb cornell-glass.glb; do
     if [ -f "$shared/scenes/$file" ]; then scenes+=("$shared/scenes/$file"); else echo "SKIPPED $file: not in $shared/scenes" >&2; fi

@@ -38,7 +38,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) draw: u32
     let plane = planes[names.x];
     let triangle = triangles[instances[names.y].triangle_base + vertex / 3u];
     let which = vertex % 3u;
-    var p = triangle.a.xyz;
+    var p = bitcast<vec3f>(triangle.a.xyz);
     if which == 1u {
         p = triangle.b.xyz;
     } else if which == 2u {
@@ -50,7 +50,7 @@ fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) draw: u32
     let upwards = dot(from_eye, plane.up) / plane.half_height;
     // Nearness in place of depth: floats tell far ones as well apart as near ones.
     let position = vec4f(across, upwards, plane.nearest_m, -dot(from_eye, plane.back));
-    let number = bitcast<u32>(triangle.a.w) & ((1u << TRIANGLE_AXIS_SHIFT) - 1u);
+    let number = triangle.a.w & ((1u << TRIANGLE_AXIS_SHIFT) - 1u);
     return Corner(position, vec2f(f32(which == 1u), f32(which == 2u)), vec3u(names, number));
 }
 

@@ -16,8 +16,9 @@
 //! | 1 | z w | `member_ends` of slots 0–3 and 4–7: members in this slot and all before it |
 //! | 2 3 4 | xy zw | planes of the axis: low of slots 0–3 and 4–7, high of slots 0–3 and 4–7 |
 //!
-//! - plane = `origin + q · bitcast<f32>(exponent << 23)`. The product of a byte and a power of two is exact, so fused or
-//!   not the sum rounds once, and packing made sure of the rounded sum: decoded boxes hold the exact ones.
+//! - plane = `origin + q · bitcast<f32>(exponent << 23)`. The product of a byte and a power of two is exact, the sum rounds
+//!   once, and packing made sure of the rounded sum: boxes decoded so hold the exact ones. The walk meets planes without that
+//!   sum, half a unit of it aside, for which its boxes have room.
 //! - node below slot s = `child_base + countOneBits(inner & ((1 << s) - 1))`
 //! - members of slot s = `member_base + (member_ends[s - 1] .. member_ends[s])`, from 0 for slot 0; none for an inner or
 //!   a free slot. A slot is free when it is not inner and has no members; its planes are zero and mean nothing.

@@ -169,12 +169,7 @@ impl Session {
         byte_count: u64,
         usage: wgpu::BufferUsages,
     ) -> Result<Buffer, GpuError> {
-        match self.allocate_beside_spare(name, byte_count, usage) {
-            Err(GpuError::OutOfMemory { .. }) if self.let_spare_go() => {
-                self.allocate_beside_spare(name, byte_count, usage)
-            }
-            allocated => allocated,
-        }
+        self.making_way(|| self.allocate_beside_spare(name, byte_count, usage))
     }
 
     /// The same where memory that is kept for later reads stays.

@@ -203,6 +203,11 @@ impl Session {
     /// Errors: [`GpuError::OutOfMemory`], also where the adapter knows no pictures as large; [`GpuError::Lost`],
     /// [`GpuError::Failed`].
     pub fn target(&self, name: &str, size: [u32; 2], overlap: Overlap) -> Result<Target, GpuError> {
+        self.making_way(|| self.target_beside_spare(name, size, overlap))
+    }
+
+    /// The same where memory that is kept for later reads stays.
+    fn target_beside_spare(&self, name: &str, size: [u32; 2], overlap: Overlap) -> Result<Target, GpuError> {
         let [width, height] = size;
         let nearness_bytes = if overlap == Overlap::Nearest { NEARNESS_BYTES } else { 0 };
         let bytes_of = |width: u32, height: u32| {

@@ -67,8 +67,16 @@ impl Session {
         locked(&self.spare).put(buffer);
     }
 
+    /// Gets memory of any kind. Where it is refused, what is kept goes, and it is asked for once more.
+    pub(super) fn making_way<T>(&self, get: impl Fn() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        match get() {
+            Err(GpuError::OutOfMemory { .. }) if self.let_spare_go() => get(),
+            got => got,
+        }
+    }
+
     /// Lets go of all that is kept. True if there was any.
-    pub(super) fn let_spare_go(&self) -> bool {
+    fn let_spare_go(&self) -> bool {
         !std::mem::take(&mut *locked(&self.spare)).0.is_empty()
     }
 }

@@ -75,12 +75,12 @@ fn frame_of(union: &Aabb, child_count: usize) -> GpuNode {
     node
 }
 
-/// The plane `steps` steps from `origin`, as the shader decodes it: one rounding, as the product is exact.
+/// The plane `steps` steps from `origin`: one rounding, as the product is exact.
 pub(super) fn plane(origin: f32, exponent: u8, steps: u8) -> f32 {
     origin + f32::from(steps) * f32::from_bits(u32::from(exponent) << 23)
 }
 
-/// The smallest exponent with which 255 steps reach from `low` to `high`: rounding counts, as the shader rounds alike.
+/// The smallest exponent with which 255 steps reach from `low` to `high`: rounding counts.
 /// At least 1, as an f32 with exponent 0 is not a power of two.
 pub(super) fn exponent_for(low: f32, high: f32) -> u8 {
     first(1, 254, |exponent| plane(low, exponent, 255) >= high)

@@ -63,6 +63,11 @@ fn kept_memory_makes_way() {
     assert!(matches!(refused, GpuError::OutOfMemory { bytes_allowed: 0, .. }), "{refused}");
     drop(other);
     assert_eq!(session.read(&read, 0..4000).unwrap(), [7; 4000]);
+    // Sixteen bytes a pixel.
+    let target = session.target("picture", [20, 15], crate::gpu::Overlap::Sum);
+    assert!(matches!(target, Ok(_) | Err(GpuError::Insufficient { .. })), "{target:?}");
+    drop(target);
+    assert_eq!(session.read(&read, 0..4000).unwrap(), [7; 4000]);
     drop(read);
     assert_eq!((session.bytes_held(), session.budget.held()), (0, 4000));
 }

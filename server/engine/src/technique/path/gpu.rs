@@ -25,13 +25,9 @@ mod step_clock;
 mod tests;
 mod tracing;
 
-use std::{
-    panic::resume_unwind,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, Ordering},
-    },
-    thread,
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
 };
 
 use bytemuck::{Pod, Zeroable};
@@ -221,36 +217,28 @@ impl GpuPathTracer {
 
     /// Traces the next slice of a pass; its samples are coming then. Returns the work that took.
     ///
-    /// Meanwhile a thread takes those of the slice before, so that the card does not wait for it. A thread of its own and no
-    /// other: the card is held here, and others may wait for that. They are here before more are sent for, so that a pass never needs
-    /// room for those of two slices on their way.
+    /// Meanwhile those of the slice before are taken, so that the card does not wait for it; by this thread alone, as the card is held here,
+    /// and threads that would help may wait for it. They are here before more are sent for, so that a pass never needs room for those of
+    /// two slices on their way.
     fn trace_slice(&mut self, running: &mut Running, pixel_count: usize) -> Result<Counts, GpuError> {
         let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
         let Running { begun: Begun { header, focused, taken, .. }, coming } = running;
         let light = LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref() };
-        let room = &mut self.samples[*taken..];
-        let (slice, next) = thread::scope(|scope| {
-            let take = |Coming { count, brought }| {
-                thread::Builder::new().spawn_scoped(scope, move || {
-                    brought.read(|bytes| copy_samples(bytes, &mut room[..count]))?;
-                    *taken += count;
-                    Ok(())
-                })
-            };
-            let no_thread = |error| GpuError::Failed { what: format!("no thread to take samples: {error}") };
-            let taking = coming.take().map(take).transpose().map_err(no_thread)?;
-            self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
-                let capacity = tracing.capacity();
-                let path_count = wanted.min(capacity);
-                let slice =
-                    tracing.trace_all(&GpuPassHeader { first_pixel, path_count, capacity, ..*header })?;
-                if let Some(taking) = taking {
-                    taking.join().unwrap_or_else(|panic| resume_unwind(panic))?;
-                }
-                let brought = tracing.bring(&slice)?;
-                Ok((slice, Coming { count: path_count as usize, brought }))
-            })
+        let (before, room) = (coming.take(), &mut self.samples[*taken..]);
+        let take_before = || {
+            let Some(Coming { count, brought }) = before else { return Ok(()) };
+            brought.read(|bytes| copy_samples(bytes, &mut room[..count]))?;
+            *taken += count;
+            Ok(())
+        };
+        let (slice, next) = self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
+            let capacity = tracing.capacity();
+            let path_count = wanted.min(capacity);
+            let header = GpuPassHeader { first_pixel, path_count, capacity, ..*header };
+            let slice = tracing.trace_all(&header, take_before)?;
+            let brought = tracing.bring(&slice)?;
+            Ok((slice, Coming { count: path_count as usize, brought }))
         })?;
         *coming = Some(next);
         self.slice = self.scene.slice_after(PathStart::Pixels, self.slice, wanted, slice.first_seconds);

@@ -172,7 +172,8 @@ impl GpuGatherer {
         let (arrived, counts, first_seconds) = self.scene.through_losses(|| {
             let (slice, brought) = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
                 tracing.write_starts(&rays)?;
-                let slice = tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })?;
+                let slice = tracing
+                    .trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header }, || Ok(()))?;
                 let brought = tracing.bring(&slice)?;
                 Ok((slice, brought))
             })?;

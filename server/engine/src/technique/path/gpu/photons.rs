@@ -141,7 +141,8 @@ impl GpuPhotons {
         let (mut records, is_whole, first_seconds) = self.scene.through_losses(|| {
             let (slice, brought) = self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
                 tracing.write_starts(&photons)?;
-                let slice = tracing.trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header })?;
+                let slice = tracing
+                    .trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header }, || Ok(()))?;
                 let brought = tracing.bring(&slice)?;
                 Ok((slice, brought))
             })?;

@@ -296,7 +296,7 @@ impl<'a> Tracing<'a> {
     /// Some drivers compile at first use: that is waiting for shaders, not drawing. Returns the seconds.
     pub(super) fn use_first(self) -> Result<f64, GpuError> {
         let start = Instant::now();
-        self.trace(&GpuPassHeader::zeroed(), 0, 1)?;
+        self.trace(&GpuPassHeader::zeroed(), 0, 1, || Ok(()))?;
         Ok(start.elapsed().as_secs_f64())
     }
 
@@ -372,7 +372,15 @@ impl<'a> Tracing<'a> {
 
     /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
     /// to do.
-    fn trace(self, header: &GpuPassHeader, done: u32, scatterings: u32) -> Result<GpuCounters, GpuError> {
+    ///
+    /// - `beside`: done while the card is at it
+    fn trace(
+        self,
+        header: &GpuPassHeader,
+        done: u32,
+        scatterings: u32,
+        beside: impl FnOnce() -> Result<(), GpuError>,
+    ) -> Result<GpuCounters, GpuError> {
         let mut batch = self.session.batch("paths")?;
         if done == 0 {
             self.write_header(header)?;
@@ -385,6 +393,7 @@ impl<'a> Tracing<'a> {
         }
         let counters = batch.read_back(&self.paths.places.counters, 0..size_of::<GpuCounters>() as u64)?;
         batch.submit()?;
+        beside()?;
         counters.read(bytemuck::pod_read_unaligned)
     }
 
@@ -396,10 +405,18 @@ impl<'a> Tracing<'a> {
     }
 
     /// A slice until its last path has ended.
-    pub(super) fn trace_all(self, header: &GpuPassHeader) -> Result<Slice, GpuError> {
+    ///
+    /// - `beside`: done while the card is at it, once its first batch is, whose time is measured
+    pub(super) fn trace_all(
+        self,
+        header: &GpuPassHeader,
+        beside: impl FnOnce() -> Result<(), GpuError>,
+    ) -> Result<Slice, GpuError> {
+        let mut beside = Some(beside);
+        let mut once = || beside.take().map_or(Ok(()), |beside| beside());
         let start = Instant::now();
         let mut scatterings = SCATTERINGS_FIRST;
-        let mut counters = self.trace(header, 0, scatterings)?;
+        let mut counters = self.trace(header, 0, scatterings, || Ok(()))?;
         let first_seconds = start.elapsed().as_secs_f64();
         let sample_bytes = self.paths.from.sample_bytes();
         let bytes_max = u64::from(self.capacity()) * sample_bytes;
@@ -409,9 +426,10 @@ impl<'a> Tracing<'a> {
         };
         // What has no room now has none at the end.
         while counters.ray_count > 0 && bytes_of(&counters) <= bytes_max {
-            counters = self.trace(header, 1, scatterings)?;
+            counters = self.trace(header, 1, scatterings, &mut once)?;
             scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
         }
+        once()?;
         let counts = Counts {
             rays: u64::from(counters.rays),
             shadow_rays: u64::from(counters.shadow_rays),
