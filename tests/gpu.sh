@@ -25,11 +25,22 @@ refuse() { echo "error: $1 (--help lists what there is)" >&2; exit 2; }
 out=gpu.json software=() measured=() programs='' built=''
 while [ $# -gt 0 ]; do
     case "$1" in
+        --out | --build | --programs | --size | --rounds) [ $# -gt 1 ] || refuse "$1: a value is missing" ;;
+    esac
+    case "$1" in
         --software) software=(--software) ;;
-        --out) out=${2:?--out: a file is missing}; shift ;;
-        --build) built=${2:?--build: a folder is missing}; shift ;;
-        --programs) programs=${2:?--programs: a folder is missing}; shift ;;
-        --size | --rounds) measured+=("$1" "${2:?"$1": a value is missing}"); shift ;;
+        --out) out=$2; shift ;;
+        --build) built=$2; shift ;;
+        --programs) programs=$2; shift ;;
+        --size | --rounds)
+            case "$1 $2" in
+                --size\ *[!0-9x]* | --size\ *x*x* | --size\ x* | --size\ *x) refuse "--size $2: write it as 1280x720" ;;
+                --size\ *x* | --rounds\ [1-9] | --rounds\ [1-9][0-9]) measured+=("$1" "$2") ;;
+                --size*) refuse "--size $2: write it as 1280x720" ;;
+                *) refuse "--rounds $2: 1 to 99" ;;
+            esac
+            shift
+            ;;
         --help | -h) help; exit 0 ;;
         *) refuse "$1: no such option" ;;
     esac

@@ -9,20 +9,23 @@ use std::{
     time::Instant,
 };
 
-use super::{Indirect, Learnt, RenderSettings, Rendering, all_paths, beside, step_on};
+use super::{
+    Illumination, IlluminationSettings, Indirect, Learnt, RenderSettings, Rendering, Stage, all_paths,
+    beside, learner::tracer_of_records, step_on, tracer,
+};
 use crate::{
     effects::EffectPlan,
     film::{Film, PictureSize},
     gpu::GpuError,
     scene::CameraView,
     technique::{
-        ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, Step, Technique, View,
+        ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, SecondaryLight, Step, Technique, View,
         path::{
-            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathTracer, Shading,
+            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, Shading,
             rays_over_a_picture,
         },
     },
-    transport::World,
+    transport::{PathClasses, World},
 };
 
 /// Longest sides of the pictures by which backends are compared, px. Two, since a card takes its time to begin with anything and little
@@ -48,7 +51,8 @@ pub struct BackendTrial {
 }
 
 impl BackendTrial {
-    /// Draws small pictures on both, of direct light where other light is looked up, and gathers for one where that has records.
+    /// Draws small pictures on both, with the first that is learnt of other light where that is looked up, and gathers for one where that
+    /// has records.
     ///
     /// Errors: what the card does not do.
     pub fn run(
@@ -60,9 +64,10 @@ impl BackendTrial {
         let world = scene.world();
         let [small, larger] = TRIAL_SIDES_MAX.map(|side_max| shrunk(size, side_max));
         let learnt = settings.learns(&EffectPlan::of(world.scene()));
-        let paths = if learnt.is_some() { all_paths(settings).asking() } else { all_paths(settings) };
-        let mut cpu = PathTracer::new(paths);
-        let mut card = GpuPathTracer::new(Arc::clone(scene), paths);
+        let known = learnt.and_then(|_| first_known(world, settings));
+        let mut cpu = tracer(settings, PathClasses::ALL, learnt, known.clone());
+        let mut card = GpuPathTracer::new(Arc::clone(scene), all_paths(settings));
+        card.draw_as(&cpu);
         let pass_seconds = |technique: &mut dyn Technique| {
             let of = |size| fastest_pass(technique, world, &View::new(world, view, size), size);
             seconds_for(size, [small, larger], [small, larger].map(of))
@@ -75,7 +80,8 @@ impl BackendTrial {
         if learnt != Some(Learnt::Records) {
             return Ok(drawing);
         }
-        let gathering = BackendTrial::of_gathering(scene, &View::new(world, view, small), small, settings)?;
+        let rays = rays_over_a_picture(world, &View::new(world, view, small), small, TRIAL_RAYS);
+        let gathering = BackendTrial::of_gathering(scene, &rays, settings, known)?;
         let as_often = size.pixel_count() as f64 / small.pixel_count() as f64;
         Ok(BackendTrial {
             cpu_seconds: drawing.cpu_seconds + as_often * gathering.cpu_seconds,
@@ -83,31 +89,37 @@ impl BackendTrial {
         })
     }
 
-    /// Of direct light: what is known of other light is looked up on top of that on both.
     fn of_gathering(
         scene: &Arc<GpuScene>,
-        view: &View,
-        size: PictureSize,
+        rays: &[GatherRay],
         settings: &RenderSettings,
+        known: Option<Arc<dyn SecondaryLight>>,
     ) -> Result<BackendTrial, GpuError> {
         let world = scene.world();
-        let rays = rays_over_a_picture(world, view, size, TRIAL_RAYS);
         let gatherer = Arc::new(GpuGatherer::new(Arc::clone(scene)));
-        let tracer = || PathTracer::new(all_paths(settings).asking());
-        let card = ArrivingByGpu::new(tracer(), Arc::clone(&gatherer));
-        let gpu_seconds = fastest(|| gather(&card, world, &rays));
+        let card = ArrivingByGpu::new(tracer_of_records(settings, known).0, Arc::clone(&gatherer));
+        let gpu_seconds = fastest(|| gather(&card, world, rays));
         if let Some(error) = gatherer.failure() {
             return Err(error);
         }
         // From now on the CPU answers, in the same batches.
         gatherer.stop();
-        Ok(BackendTrial { cpu_seconds: fastest(|| gather(&card, world, &rays)), gpu_seconds })
+        Ok(BackendTrial { cpu_seconds: fastest(|| gather(&card, world, rays)), gpu_seconds })
     }
 
     /// The card is.
     pub fn gpu_is_faster(&self) -> bool {
         self.gpu_seconds < self.cpu_seconds
     }
+}
+
+/// The first that is learnt of a scene's light; thrown away with the trial.
+fn first_known(world: &World, settings: &RenderSettings) -> Option<Arc<dyn SecondaryLight>> {
+    let mut illumination = Illumination::new(IlluminationSettings::of(settings));
+    while illumination.known().is_none() && illumination.stage() != Stage::Complete {
+        illumination.step(world, &AtomicBool::new(false));
+    }
+    illumination.known().cloned()
 }
 
 /// A picture of that form whose longest side is no longer.

@@ -618,7 +618,7 @@ pub struct RecordReport {
 
 /// What answers for the rays of records: direct light and what is known of the rest. With a bound on scatterings they are traced
 /// to the end instead: photons know only what reaches a surface by all of the scatterings asked for, one more than is left there.
-fn tracer_of_records(
+pub(super) fn tracer_of_records(
     settings: &RenderSettings,
     base: Option<Arc<dyn SecondaryLight>>,
 ) -> (PathTracer, Option<Arc<dyn SecondaryLight>>) {
