@@ -173,12 +173,12 @@ fn structs_of_the_walk_have_one_layout() {
         GpuShadowRay { ray, light_instance, light_triangle, padding_0, padding_1 }
     );
     // WGSL reads both of these as whole vectors: what Rust names must be where their components are.
-    let (fields, byte_count) = layout(&source, "GpuNode");
-    let found: Vec<_> = fields.iter().map(|field| (field.name.as_str(), field.offset as usize)).collect();
-    assert_eq!(
-        (found.as_slice(), byte_count as usize),
-        (&[("corner", 0), ("links", 16), ("planes", 32)][..], 80)
-    );
+    let vectors_of = |name: &str| {
+        let (fields, byte_count) = layout(&source, name);
+        (fields.into_iter().map(|field| (field.name, field.offset)).collect::<Vec<_>>(), byte_count)
+    };
+    let named = |fields: [(&str, u32); 3]| fields.map(|(name, offset)| (name.to_string(), offset)).to_vec();
+    assert_eq!(vectors_of("GpuNode"), (named([("corner", 0), ("links", 16), ("planes", 32)]), 80));
     let of_rust = [
         std::mem::offset_of!(GpuNode, origin),
         std::mem::offset_of!(GpuNode, exponents),
@@ -189,9 +189,7 @@ fn structs_of_the_walk_have_one_layout() {
         std::mem::offset_of!(GpuNode, planes),
     ];
     assert_eq!((of_rust, size_of::<GpuNode>()), ([0, 12, 15, 16, 20, 24, 32], 80));
-    let (fields, byte_count) = layout(&source, "GpuTriangle");
-    let found: Vec<_> = fields.iter().map(|field| (field.name.as_str(), field.offset as usize)).collect();
-    assert_eq!((found.as_slice(), byte_count as usize), (&[("a", 0), ("b", 16), ("c", 32)][..], 48));
+    assert_eq!(vectors_of("GpuTriangle"), (named([("a", 0), ("b", 16), ("c", 32)]), 48));
     let of_rust = [
         std::mem::offset_of!(GpuTriangle, a),
         std::mem::offset_of!(GpuTriangle, number),

@@ -169,19 +169,10 @@ impl GpuGatherer {
             let samples = bytes.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
             samples.map(|sample| bytemuck::pod_read_unaligned::<GpuRaySample>(sample).arrived()).collect()
         };
-        let (arrived, counts, first_seconds) = self.scene.through_losses(|| {
-            let (slice, brought) = self.scene.trace_with(PathStart::Rays, room, light, |tracing| {
-                tracing.write_starts(&rays)?;
-                let slice = tracing
-                    .trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header }, || Ok(()))?;
-                let brought = tracing.bring(&slice)?;
-                Ok((slice, brought))
-            })?;
-            Ok((self.scene.take(brought, arrived)?, slice.counts, slice.first_seconds))
-        })?;
-        self.slices.answered(&self.scene, header.path_count, first_seconds);
+        let (arrived, slice) = self.scene.slice_of(PathStart::Rays, &rays, &header, room, light, arrived)?;
+        self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
         self.slices.count(u64::from(header.path_count));
-        Ok((arrived, counts))
+        Ok((arrived, slice.counts))
     }
 
     fn along(

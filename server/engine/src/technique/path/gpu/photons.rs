@@ -138,22 +138,14 @@ impl GpuPhotons {
         let of_bytes = |bytes: &[u8]| -> Vec<GpuKeptPhoton> {
             bytes.par_chunks_exact(size_of::<GpuKeptPhoton>()).map(bytemuck::pod_read_unaligned).collect()
         };
-        let (mut records, is_whole, first_seconds) = self.scene.through_losses(|| {
-            let (slice, brought) = self.scene.trace_with(PathStart::Photons, room, light, |tracing| {
-                tracing.write_starts(&photons)?;
-                let slice = tracing
-                    .trace_all(&GpuPassHeader { capacity: tracing.capacity(), ..header }, || Ok(()))?;
-                let brought = tracing.bring(&slice)?;
-                Ok((slice, brought))
-            })?;
-            Ok((self.scene.take(brought, of_bytes)?, slice.is_whole, slice.first_seconds))
-        })?;
-        if !is_whole {
+        let (mut records, slice) =
+            self.scene.slice_of(PathStart::Photons, &photons, &header, room, light, of_bytes)?;
+        if !slice.is_whole {
             let (first, second) = sent.split_at(sent.len() / 2);
             self.slice(first, bounces_end, carried)?;
             return self.slice(second, bounces_end, carried);
         }
-        self.slices.answered(&self.scene, header.path_count, first_seconds);
+        self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
         if !records.par_iter().all(|record| record.is_sound(self.scene.world())) {
             return Err(GpuError::Failed {
                 what: "photons came back from triangles that are not there".into(),

@@ -2,9 +2,12 @@
 
 use std::sync::{Mutex, atomic::Ordering};
 
+use bytemuck::NoUninit;
+
 use super::{
-    GpuScene, LOSSES_MAX,
-    tracing::{PathStart, SLICE_MIN},
+    GpuPassHeader, GpuScene, LOSSES_MAX,
+    known::LightBeside,
+    tracing::{PathStart, SLICE_MIN, Slice},
 };
 use crate::gpu::{GpuError, locked};
 
@@ -82,6 +85,32 @@ impl Slices {
 }
 
 impl GpuScene {
+    /// Traces a slice of paths that begin with `starts`, and takes what it brings; once more where the device is lost under it.
+    ///
+    /// - `header`: of the slice, but for its places
+    /// - `room`: paths that there are to be places for
+    /// - `take`: as for [`GpuScene::take`]
+    pub(super) fn slice_of<S: NoUninit, T>(
+        &self,
+        from: PathStart,
+        starts: &[S],
+        header: &GpuPassHeader,
+        room: usize,
+        light: LightBeside<'_>,
+        take: impl Fn(&[u8]) -> T,
+    ) -> Result<(T, Slice), GpuError> {
+        self.through_losses(|| {
+            let (slice, brought) = self.trace_with(from, room, light, |tracing| {
+                tracing.write_starts(starts)?;
+                let header = GpuPassHeader { capacity: tracing.capacity(), ..*header };
+                let slice = tracing.trace_all(&header, || Ok(()))?;
+                let brought = tracing.bring(&slice)?;
+                Ok((slice, brought))
+            })?;
+            Ok((self.take(brought, &take)?, slice))
+        })
+    }
+
     /// Does a piece of work as often as devices are lost under it, within reason.
     pub(super) fn through_losses<T>(
         &self,
