@@ -12,6 +12,7 @@ pub mod assets;
 pub mod cli;
 pub mod config;
 pub mod convert;
+mod duration;
 mod graphics;
 pub mod http;
 pub mod images;

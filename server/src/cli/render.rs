@@ -31,11 +31,13 @@ use lumicast_engine::{
     transport::World,
 };
 
+use lumicast_protocol::Accuracy;
+
 use super::{CliError, output::print_line, scene_source::LoadedScene};
 use crate::images::{ExrLayers, JpegQuality, PictureFacts, encode_exr, jpeg, png_small, write_file};
 use alarm::Alarm;
 pub use arguments::{OutputFormat, RenderArgs, default_size, find_camera};
-pub(super) use arguments::{parse_duration, parse_indirect};
+pub(super) use arguments::parse_indirect;
 use backend::DrawnOn;
 use forecast::Outlook;
 use interrupt::Interrupt;
@@ -89,6 +91,9 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     if format == OutputFormat::Exr && args.exposure != 0.0 {
         eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
     }
+    for option in without_effect(args) {
+        eprintln!("warning: {option} changes nothing with --indirect {}", args.technique().name());
+    }
     for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
         let Some(path) = path else { continue };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -101,6 +106,19 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
         }
     }
     Ok(())
+}
+
+/// Options that the technique has no use for.
+fn without_effect(args: &RenderArgs) -> impl Iterator<Item = &'static str> {
+    let technique = args.technique();
+    let has_records = matches!(technique, Indirect::Auto | Indirect::Irradiance);
+    let has_accuracy = args.irradiance_accuracy != Accuracy::default().irradiance_accuracy;
+    let is_filtered = !matches!(technique, Indirect::Path | Indirect::None);
+    let options = [
+        ("--irradiance-accuracy", has_accuracy && !has_records),
+        ("--keep-noise", args.keep_noise && !is_filtered),
+    ];
+    options.into_iter().filter(|(_, is_idle)| *is_idle).map(|(option, _)| option)
 }
 
 /// Share of the time of a picture in which more may be learnt of its light; the rest is for seeing what is known.
@@ -142,7 +160,7 @@ impl<'a> Job<'a> {
         if view.is_none() {
             eprintln!("note: the scene has no camera; showing all of it from the front");
         }
-        let threads = args.threads.map_or_else(core_count, usize::from);
+        let threads = args.threads.filter(|threads| *threads > 0).map_or_else(core_count, usize::from);
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .thread_name(|index| format!("render {index}"))
@@ -349,6 +367,7 @@ impl<'a> Job<'a> {
             camera: self.camera.clone(),
             size: [self.size.width(), self.size.height()],
             out: self.args.out.display().to_string(),
+            indirect: self.args.indirect.name(),
             technique: rendering.technique_name(&picture),
             backend: if rendering.gpu_work() > 0 { "gpu" } else { "cpu" },
             adapter: self.drawn_on.adapter().map(|report| report.name),

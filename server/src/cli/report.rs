@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use lumicast_engine::render::Indirect;
 
-use super::render::{parse_duration, parse_indirect};
+use super::render::parse_indirect;
 use super::{CliError, SceneSource, output::print_line};
+use crate::duration::parse_duration;
 use crate::report::{Cost, Paper, Question, ReportJob, measure};
 
 /// Less than this a picture is not drawn for: the first look comes then.

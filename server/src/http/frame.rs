@@ -2,6 +2,7 @@
 
 use super::{HttpProblem, Service};
 use crate::config::Config;
+use crate::duration::parse_duration;
 use crate::scenes::{PictureFormat, PictureRequest, Until};
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
@@ -33,7 +34,7 @@ pub(super) struct FrameQuery {
         ("size" = Option<String>, Query, description = "WxH in pixels, such as 640x360"),
         ("format" = Option<String>, Query, description = "png (default), jpeg, or exr: linear radiance"),
         ("error" = Option<String>, Query, description = "√relMSE at which it is done, as a fraction or in percent, such as 0.02 or 2%: measured, the upper end of its 95 % interval not a tenth above, and found so again at pixels taken afresh; converged: only `time` and the server's limits end it"),
-        ("time" = Option<String>, Query, description = "Seconds after which it is done: 2, 2s or 500ms"),
+        ("time" = Option<String>, Query, description = "Time after which it is done, seconds where no unit is said: 2, 2s, 500ms or 1m"),
         ("tone_map" = Option<String>, Query, description = "linear, reinhard, aces (default) or agx; not for exr"),
         ("exposure_ev" = Option<f32>, Query, description = "Stops, −32 to 32; not for exr")),
     responses(
@@ -160,12 +161,8 @@ fn error_of(text: &str) -> Result<f64, HttpProblem> {
 }
 
 fn time_of(text: &str, seconds_max: f64) -> Result<Duration, HttpProblem> {
-    let (number, unit) = match text.strip_suffix("ms") {
-        Some(number) => (number, 1e-3),
-        None => (text.strip_suffix('s').unwrap_or(text), 1.0),
-    };
-    match number.parse::<f64>().map(|number| number * unit) {
-        Ok(seconds) if seconds > 0.0 && seconds <= seconds_max => Ok(Duration::from_secs_f64(seconds)),
-        _ => Err(bad("time", text, format!("seconds above 0, at most {seconds_max}: 2, 2s or 500ms"))),
+    match parse_duration(text) {
+        Ok(time) if time.as_secs_f64() <= seconds_max => Ok(time),
+        _ => Err(bad("time", text, format!("above 0, at most {seconds_max} s: 2, 2s, 500ms or 1m"))),
     }
 }

@@ -491,7 +491,7 @@ impl Painter {
         let seconds = started.elapsed().as_secs_f64();
         let samples = rendering.sample_count() - samples_before;
         let counts = rendering.counts();
-        if progress.complete { &metrics.passes } else { &metrics.passes_cancelled }.one();
+        if progress.complete { &metrics.passes } else { &metrics.steps_cut }.one();
         metrics.passes_gpu.add(rendering.gpu_passes() - gpu_passes_before);
         metrics.samples.add(samples);
         metrics.rays.add((counts - counts_before).all_rays());

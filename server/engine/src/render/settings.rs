@@ -30,6 +30,23 @@ pub enum Indirect {
     None,
 }
 
+impl Indirect {
+    /// Each of them, the best chain first.
+    pub const ALL: [Indirect; 5] =
+        [Indirect::Auto, Indirect::Octree, Indirect::Irradiance, Indirect::Path, Indirect::None];
+
+    /// As it is asked for.
+    pub fn name(self) -> &'static str {
+        match self {
+            Indirect::Auto => "auto",
+            Indirect::Path => "path",
+            Indirect::Octree => "octree",
+            Indirect::Irradiance => "irradiance",
+            Indirect::None => "none",
+        }
+    }
+}
+
 /// What is learnt of a scene's light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Learnt {

@@ -16,6 +16,7 @@ use lumicast_engine::{
 use lumicast_protocol::Accuracy;
 
 use super::super::{CliError, SceneSource};
+use crate::duration::parse_duration;
 
 /// Render one picture, without a server, with the same engine.
 ///
@@ -77,8 +78,8 @@ pub struct RenderArgs {
     /// Names the random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
-    /// Threads; one per core when left out
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    /// Threads; one per core when left out or 0
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(0..=1024))]
     pub threads: Option<u16>,
     /// Where the picture is drawn: cpu; gpu (through Vulkan, Metal or DirectX 12; light for records of irradiance is gathered
     /// there, too); auto: the faster one by a short trial, where there is a graphics card
@@ -192,17 +193,13 @@ fn parse_size(value: &str) -> Result<PictureSize, String> {
 }
 
 pub(in crate::cli) fn parse_indirect(value: &str) -> Result<Indirect, String> {
-    match value {
-        "auto" => Ok(Indirect::Auto),
-        "octree" => Ok(Indirect::Octree),
-        "irradiance" => Ok(Indirect::Irradiance),
-        "path" => Ok(Indirect::Path),
-        "none" => Ok(Indirect::None),
-        "lightmap" => Err(format!(
-            "{value} is planned but does not exist yet: choose auto, octree, irradiance, path or none"
-        )),
-        _ => Err("choose auto, octree, irradiance, path or none".into()),
-    }
+    Indirect::ALL.into_iter().find(|technique| technique.name() == value).ok_or_else(|| {
+        let choose = "choose auto, octree, irradiance, path or none";
+        match value {
+            "lightmap" => format!("{value} is planned but does not exist yet: {choose}"),
+            _ => choose.into(),
+        }
+    })
 }
 
 fn parse_backend(value: &str) -> Result<Backend, String> {
@@ -211,26 +208,6 @@ fn parse_backend(value: &str) -> Result<Backend, String> {
         "cpu" => Ok(Backend::Cpu),
         "gpu" => Ok(Backend::Gpu),
         _ => Err("choose auto, cpu or gpu".into()),
-    }
-}
-
-/// A number with one of the units ms, s, m, h; seconds without.
-pub(in crate::cli) fn parse_duration(value: &str) -> Result<Duration, String> {
-    let number_end = value.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(value.len());
-    let (number, unit) = value.split_at(number_end);
-    let unit_seconds = match unit {
-        "ms" => 1e-3,
-        "s" | "" => 1.0,
-        "m" => 60.0,
-        "h" => 3600.0,
-        _ => return Err(format!("unit {unit:?}: choose ms, s, m or h")),
-    };
-    let seconds = f64::from_str(number).map_err(|_| format!("{number:?} is not a number"))? * unit_seconds;
-    // A year: longer waits are slips of the keyboard, and far longer ones do not fit a Duration.
-    if seconds > 0.0 && seconds <= 366.0 * 86400.0 {
-        Ok(Duration::from_secs_f64(seconds))
-    } else {
-        Err("must be above zero and at most a year".into())
     }
 }
 
@@ -302,17 +279,7 @@ mod tests {
 
     /// What is written is what is meant; what cannot be meant is refused.
     #[test]
-    fn durations_errors_and_sizes_are_read_in_their_units() {
-        let millis = |value| parse_duration(value).map(|duration| duration.as_millis()).ok();
-        assert_eq!(millis("10s"), Some(10_000));
-        assert_eq!(millis("2.5"), Some(2500));
-        assert_eq!(
-            (millis("500ms"), millis("2m"), millis("1h")),
-            (Some(500), Some(120_000), Some(3_600_000))
-        );
-        for bad in ["", "0s", "-1s", "10d", "s", "1e300h", "nan", "inf"] {
-            assert!(parse_duration(bad).is_err(), "{bad}");
-        }
+    fn errors_and_sizes_are_read_in_their_units() {
         assert_eq!((parse_error("0.02"), parse_error("2%")), (Ok(0.02), Ok(0.02)));
         assert_eq!(parse_error(" 2 %"), Ok(0.02));
         for bad in ["0", "1", "100%", "-1", "nan", "x"] {

@@ -54,7 +54,13 @@ impl DrawnOn {
         if !graphics::may_have_card() {
             return DrawnOn::Cpu;
         }
-        let Ok(gpu) = Gpu::open(AdapterChoice::Hardware) else { return DrawnOn::Cpu };
+        let gpu = match Gpu::open(AdapterChoice::Hardware) {
+            Ok(gpu) => gpu,
+            Err(error) => {
+                eprintln!("drawing on the CPU: {error}");
+                return DrawnOn::Cpu;
+            }
+        };
         let name = described(&gpu.report());
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world.clone()));
         eprintln!("trying {name}: compiling shaders");

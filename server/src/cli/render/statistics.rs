@@ -25,7 +25,9 @@ pub(super) struct Statistics {
     pub(super) size: [u32; 2],
     /// The picture that was written.
     pub(super) out: String,
-    /// Technique of light.
+    /// Technique of indirect light as it was asked for.
+    pub(super) indirect: &'static str,
+    /// Technique of the light in the picture.
     pub(super) technique: &'static str,
     /// Where light was computed.
     pub(super) backend: &'static str,
@@ -43,7 +45,7 @@ pub(super) struct Statistics {
     pub(super) error: Option<f64>,
     /// 95 % confidence interval of `error`.
     pub(super) error_ci: Option<[f64; 2]>,
-    /// `error` without the worst 0.1 % of pixels.
+    /// `error` without the worst 0.1 % of pixels; nothing for looked-up light, of which a few hundred pixels are measured.
     pub(super) error_trimmed: Option<f64>,
     /// When errors were or would be reached.
     pub(super) forecast: Vec<Forecast>,

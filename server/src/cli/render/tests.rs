@@ -131,3 +131,32 @@ fn impossible_commands_are_refused_first() {
     }
     assert_eq!(std::fs::read_dir(folder).unwrap().count(), 0);
 }
+
+/// Options that the technique has no use for are told, and only those.
+#[test]
+fn options_without_effect_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let idle = |line: &str| {
+        let args = arguments(folder.path(), &format!("--out OUT/a.png {line}"));
+        without_effect(&args).collect::<Vec<_>>()
+    };
+    let both = "--irradiance-accuracy 0.1 --keep-noise";
+    assert_eq!(idle(&format!("--indirect path {both}")), ["--irradiance-accuracy", "--keep-noise"]);
+    assert_eq!(idle(&format!("--indirect none {both}")), ["--irradiance-accuracy", "--keep-noise"]);
+    assert_eq!(idle(&format!("--indirect octree {both}")), ["--irradiance-accuracy"]);
+    // So many samples of the best chain are samples of paths.
+    assert_eq!(idle(&format!("--samples 2 {both}")), ["--irradiance-accuracy", "--keep-noise"]);
+    for none in ["--indirect path", both, &format!("--indirect irradiance {both}")] {
+        assert!(idle(none).is_empty(), "{none}");
+    }
+}
+
+/// 0 threads are one per core, as in the settings of `serve`.
+#[test]
+fn no_threads_are_one_per_core() {
+    let folder = tempfile::tempdir().unwrap();
+    render(folder.path(), "--size 8x8 --samples 1 --threads 0 --out OUT/a.png --stats OUT/a.json");
+    let statistics: serde_json::Value = serde_json::from_slice(&read(folder.path(), "a.json")).unwrap();
+    assert_eq!(statistics["threads"].as_u64().unwrap(), core_count() as u64);
+    assert_eq!((statistics["indirect"].as_str(), statistics["technique"].as_str()), (Some("auto"), Some("path")));
+}

@@ -18,7 +18,7 @@ use super::{
         table::{Cell, Cells},
     },
     BACKEND, BIAS, CLEAN, CURVE, ELAPSED, ERROR, HIGH, LOW, MEASURED, MEMORY, NOISE, PEER, SAMPLES, SCENE,
-    SETTINGS, SYSTEMATIC, TECHNIQUE, TRIMMED, Way, file_name, name_of, percent, shown_size,
+    SETTINGS, SYSTEMATIC, TECHNIQUE, TRIMMED, Way, file_name, percent, shown_size,
     target::Target,
     times,
 };
@@ -35,7 +35,7 @@ pub(super) fn curve(
     way: &Way,
     cost: &Cost,
 ) -> Result<(), ReportError> {
-    let (scene, technique) = (target.subject.name.as_str(), name_of(way.technique));
+    let (scene, technique) = (target.subject.name.as_str(), way.technique.name());
     let mut pair: Option<[Drawing; 2]> = None;
     for seconds in times(cost) {
         notebook.row(&format!("{scene} {technique} {} after {seconds} s", way.settings), || {
@@ -101,7 +101,7 @@ fn cells(target: &Target<'_>, way: &Way, pair: &[Drawing; 2]) -> Result<Cells, R
         + rendering.caustics().bytes
         + light.photon_bytes
         + light.octree_bytes;
-    let mut cells = names(target, name_of(way.technique), way.settings, "cpu");
+    let mut cells = names(target, way.technique.name(), way.settings, "cpu");
     cells.extend(
         [
             (ELAPSED, Cell::from(mean(pair[0].seconds(), pair[1].seconds()))),

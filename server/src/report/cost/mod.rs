@@ -81,16 +81,6 @@ impl<'a> Settings<'a> {
     }
 }
 
-fn name_of(technique: Indirect) -> &'static str {
-    match technique {
-        Indirect::Auto => "auto",
-        Indirect::Octree => "octree",
-        Indirect::Irradiance => "irradiance",
-        Indirect::Path => "path",
-        Indirect::None => "none",
-    }
-}
-
 /// A technique with settings.
 #[derive(Debug)]
 struct Way {

@@ -15,7 +15,7 @@ use super::{
         subject::{FullReference, Prepared, Subject, read},
         table::Cell,
     },
-    PREPARE, REFERENCE, REFERENCE_NOISE, SCENE, SIZE, file_name, name_of, percent, shown_size,
+    PREPARE, REFERENCE, REFERENCE_NOISE, SCENE, SIZE, file_name, percent, shown_size,
 };
 use crate::images::{ExrLayers, PictureFacts, encode_exr, write_file};
 
@@ -159,7 +159,7 @@ fn draw_reference(
         revision: 1,
         seed: REFERENCE_SEED,
         samples_per_pixel: rendering.passes(),
-        technique: name_of(indirect),
+        technique: indirect.name(),
         error: noise,
         error_ci: None,
         seconds: Some(cost.time.as_secs_f64() * REFERENCE_TIMES),
@@ -167,5 +167,5 @@ fn draw_reference(
     let exr = encode_exr(&picture, ExrLayers::Plain, &facts)
         .map_err(|error| ReportError::Text { what: "a reference", reason: error.to_string() })?;
     write_file(path, &exr)?;
-    Ok((format!("ours, {}, {} samples", name_of(indirect), rendering.passes()), noise))
+    Ok((format!("ours, {}, {} samples", indirect.name(), rendering.passes()), noise))
 }
