@@ -158,5 +158,8 @@ fn no_threads_are_one_per_core() {
     render(folder.path(), "--size 8x8 --samples 1 --threads 0 --out OUT/a.png --stats OUT/a.json");
     let statistics: serde_json::Value = serde_json::from_slice(&read(folder.path(), "a.json")).unwrap();
     assert_eq!(statistics["threads"].as_u64().unwrap(), core_count() as u64);
-    assert_eq!((statistics["indirect"].as_str(), statistics["technique"].as_str()), (Some("auto"), Some("path")));
+    assert_eq!(
+        (statistics["indirect"].as_str(), statistics["technique"].as_str()),
+        (Some("auto"), Some("path"))
+    );
 }

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    IrradianceSettings, PIXELS_COARSER_MAX,
+    IrradianceSettings, PIXELS_COARSER_MAX, STEEP_FINER_MAX, STEEP_SHARE,
     hemisphere::{self, Hemisphere},
     horizon::Horizon,
     sight::Sight,
@@ -35,7 +35,8 @@ pub struct Record {
     pub irradiance: Rgb,
     /// Harmonic mean distance to what is seen from here, or less where neighbours or gradients ask for it, m.
     pub radius_m: f32,
-    /// It counts as far as this at least, m: over some pixels of where it was first seen, or fewer where neighbours were seen from nearer.
+    /// It counts as far as this at least, m: over some pixels of where it was first seen, or fewer where neighbours were seen from nearer, or
+    /// its light changes much over them.
     pub reach_min_m: f32,
     /// To be multiplied by (this normal × that normal), W/m².
     pub turning: Gradient,
@@ -214,13 +215,16 @@ impl Record {
     }
 
     /// Where the light changes faster than the distances around say, the record counts less far: never so far that its
-    /// gradient would take all of it away.
+    /// gradient would take all of it away. By pixels it counts no farther than most of that way, but for what is finer than one.
     fn limit_by_gradient(&mut self) {
         let [r, g, b] = self.moving;
         let steepest = Rgb::new(r.length(), g.length(), b.length()).mean();
         let all = self.irradiance.mean();
-        if steepest * self.radius_m > all && all > 0.0 {
-            self.radius_m = all / steepest;
+        if steepest > 0.0 && all > 0.0 {
+            let all_gone_m = all / steepest;
+            self.radius_m = self.radius_m.min(all_gone_m);
+            let finest_m = self.reach_min_m / STEEP_FINER_MAX;
+            self.reach_min_m = self.reach_min_m.min((STEEP_SHARE * all_gone_m).max(finest_m));
         }
     }
 }

@@ -391,6 +391,32 @@ fn records_stay_finite() {
     }
 }
 
+/// A strip of wall beside the floor that shines.
+pub(super) fn strip() -> Painted<impl Fn(Vec3) -> Rgb + Send + Sync> {
+    Painted(|p: Vec3| Rgb::splat(if p.x > 0.99 && p.y < -0.9 { 10.0 } else { 0.1 }))
+}
+
+/// Pixels make records count as far as light changes little over them: whole where it is even, less beside what shines, and hardly less than
+/// one however steep it is. Elsewhere a record would say of the pixels around what holds at its own place alone.
+#[test]
+fn steep_light_counts_over_few_pixels() {
+    let world = room();
+    let pixel_m = 0.1;
+    let reach = |x: f32, arriving: &dyn ArrivingLight| {
+        let (settings, point) = (with_rays(2_000), floor(&world, x, 0.0));
+        let by = GatherBy { world: &world, settings: &settings, arriving, cancel: &AtomicBool::new(false) };
+        let seen = Seen { point, facing: Facing::flat(Vec3::Y), pixel_m };
+        let record = by.gather_all(&[seen]).unwrap().0[0].record;
+        record.reach_min_m / pixel_m
+    };
+    let whole = IrradianceSettings::default().pixels_min;
+    assert_eq!(reach(0.0, &Painted(|_| Rgb::WHITE)), whole);
+    assert_eq!(reach(-0.9, &strip()), whole);
+    let [near, nearest] = [0.6, 0.97].map(|x| reach(x, &strip()));
+    assert!(near < 0.9 * whole && near > 1.0, "{near}");
+    assert_eq!(nearest, whole / STEEP_FINER_MAX);
+}
+
 fn somewhere(index: u32, irradiance: f32) -> Record {
     let [x, z, r, _] = point(11, index);
     Record {

@@ -4,13 +4,13 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 
 use super::{
     super::{
-        tests::{Painted, record_at, room, with_rays},
+        tests::{Painted, record_at, room, strip, with_rays},
         {Facing, IrradianceSettings, View},
     },
     *,
 };
 use crate::{
-    accel::SurfacePoint,
+    accel::{Ray, SurfacePoint},
     math::sobol::point,
     scene::{Material, Projection, samples},
     technique::Products,
@@ -438,6 +438,28 @@ fn no_light_comes_through_the_wall() {
             "{dark}, {bright}, {missing} without records"
         );
     }
+}
+
+/// Beside a strip that shines, a few pixels wide as it is seen, the light of each pixel is its own.
+#[test]
+fn steep_light_is_found_in_few_pixels() {
+    let world = room();
+    let camera = CameraView::look_at(DVec3::new(-0.5, 0.9, 0.0), DVec3::new(0.9, -1.0, 0.0), DVec3::Y, 0.9);
+    let size = PictureSize::new(24, 24).unwrap();
+    let mut caching = IrradianceCaching::new(with_rays(400), Arc::new(strip()), None);
+    caching.look(0, &camera, size);
+    finish(&mut caching, &world);
+    let error = |x: f32| {
+        let ray = Ray::new(Vec3::new(x, 0.0, 0.1), Vec3::NEG_Y);
+        let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+        let at = (surface.point, Facing::of(&surface, -ray.direction));
+        let truth = record_at(&world, at, &with_rays(5_000), &strip()).0.irradiance.mean();
+        (caching.cache().irradiance(at.0.position, &at.1).unwrap().mean() / truth - 1.0).powi(2)
+    };
+    let errors: Vec<f32> = (0..60).map(|step| error(0.4 + 0.01 * step as f32)).collect();
+    let error = (errors.iter().sum::<f32>() / errors.len() as f32).sqrt();
+    // 0.26; were each record to count over four pixels at least, 0.33.
+    assert!(error < 0.3, "{error}");
 }
 
 /// Whoever looks into a corner from near gets records of his own, though it was covered for one who looks from far with pixels many times
