@@ -91,8 +91,11 @@ fn check_arguments(args: &RenderArgs, format: OutputFormat) -> Result<(), CliErr
     if format == OutputFormat::Exr && args.exposure != 0.0 {
         eprintln!("warning: --exposure does not apply to EXR, which holds linear radiance");
     }
+    let technique = args.technique();
+    // A number of samples takes paths where nothing else is asked for.
+    let samples = if technique == args.indirect { "" } else { " and --samples" };
     for option in without_effect(args) {
-        eprintln!("warning: {option} changes nothing with --indirect {}", args.technique().name());
+        eprintln!("warning: {option} changes nothing with --indirect {}{samples}", args.indirect.name());
     }
     for (option, path) in [("--out", Some(&args.out)), ("--stats", args.stats.as_ref())] {
         let Some(path) = path else { continue };

@@ -140,7 +140,7 @@ fn table_8_2(notebook: &mut Notebook, subjects: &[Subject], effort: Effort) -> R
     let side = effort.cache_side;
     let about = format!(
         "Records of one indirect bounce for {side} × {side} pixels, each gathered once, by the accuracy a; each counts {TABLE_PIXELS} \
-         pixels far at least. The paper's \
+         pixels far at least, or a quarter of that where light is steep. The paper's \
          records are made by rendering half-planes on its GPU. Error: √relMSE against our path tracer with as many \
          bounces and {} samples per pixel, both in means of {BLOCK} × {BLOCK} pixels.",
         effort.one_bounce_passes

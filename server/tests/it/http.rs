@@ -125,6 +125,8 @@ async fn a_picture_can_be_asked_for() {
         ("error=0.0001&time=50ms", "time"),
         ("error=90%25", "error"),
         ("error=0.9&time=60", "error"),
+        ("error=0.9&time=1m", "error"),
+        ("time=5e-2", "time"),
     ] {
         let reply = server.get(&format!("{BOX}/frame?camera=corner&size=32x32&{query}")).await;
         assert_eq!((reply.status.as_u16(), reply.header("lumicast-done-by")), (200, done_by), "{query}");
@@ -146,6 +148,8 @@ async fn a_picture_can_be_asked_for() {
         "error=nan",
         "time=-1",
         "time=1e9",
+        "time=1000h",
+        "time=10d",
         "error=nan%25",
         "error=-1%25",
         "error=%25",

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use lumicast_engine::{
     film::PictureSize,
-    gpu::{AdapterChoice, AdapterReport, Gpu},
+    gpu::{AdapterChoice, AdapterReport, Gpu, GpuError},
     render::{self, BackendTrial, RenderSettings, Rendering},
     scene::CameraView,
     technique::path::GpuScene,
@@ -56,6 +56,11 @@ impl DrawnOn {
         }
         let gpu = match Gpu::open(AdapterChoice::Hardware) {
             Ok(gpu) => gpu,
+            // Without the advice that the error gives: nobody asked for a card by name.
+            Err(GpuError::NoAdapter { reason }) => {
+                eprintln!("drawing on the CPU: no graphics card can be used: {reason}");
+                return DrawnOn::Cpu;
+            }
             Err(error) => {
                 eprintln!("drawing on the CPU: {error}");
                 return DrawnOn::Cpu;
@@ -124,7 +129,7 @@ impl DrawnOn {
 }
 
 /// A card that cannot be used.
-pub(super) fn unusable(error: &lumicast_engine::gpu::GpuError) -> CliError {
+pub(super) fn unusable(error: &GpuError) -> CliError {
     CliError::System { doing: "--backend gpu".into(), source: std::io::Error::other(error.to_string()) }
 }
 

@@ -21,7 +21,7 @@ use self::gaze::Gaze;
 use super::{
     ArrivingLight, CARD, Card, Counts, IrradianceCache, IrradianceSettings, Record, SecondaryLight, View,
     Visits,
-    record::{GatherBy, Gathered},
+    record::{Extent, GatherBy, Gathered},
     sight::Sight,
     steadied::steady,
     visits::{Visited, noise_of},
@@ -90,7 +90,7 @@ struct Place {
     /// What its rays may have met.
     sight: Sight,
     /// How far it counts by itself, before neighbours make it count less far.
-    radius_m: f32,
+    extent: Extent,
     visited: Visited,
     /// Of the mean irradiance of the channels as the first of its visits tells it, W/m².
     deviation: f32,
@@ -217,8 +217,8 @@ impl IrradianceCaching {
     fn weighed(&self, of: &IrradianceCache, settings: IrradianceSettings) -> IrradianceCache {
         let mut cache = IrradianceCache::new(settings, self.base.clone());
         for (record, place) in of.records.iter().zip(&self.places) {
-            let reach_min_m = settings.reach_min_m(place.seen.pixel_m);
-            cache.insert(Record { radius_m: place.radius_m, reach_min_m, ..*record });
+            let reach_min_m = settings.reach_min_m(place.seen.pixel_m, place.extent.all_gone_m);
+            cache.insert(Record { radius_m: place.extent.radius_m, reach_min_m, ..*record });
         }
         cache
     }
@@ -289,17 +289,14 @@ impl IrradianceCaching {
         let by = self.gather_by(world, &never);
         let afresh = |place: &Place| {
             let points = [place.seen];
-            let Gathered { mut record, sight, deviation } = by.gather_all(&points).unwrap().0[0];
+            let Gathered { mut record, extent, sight, deviation } = by.gather_all(&points).unwrap().0[0];
             let mut visited = Visited::ONCE;
             for visit in 1..place.visited.count {
                 let before = record.irradiance;
                 record = by.refine_all((&points, &[record]), visit).unwrap().0[0].record;
                 visited = visited.again(before, record.irradiance);
             }
-            (
-                record,
-                Place { seen: place.seen, sight, radius_m: record.radius_m, visited, deviation }.variance(),
-            )
+            (record, Place { seen: place.seen, sight, extent, visited, deviation }.variance())
         };
         let mut cache = IrradianceCache::new(self.cache.settings, None);
         let variances = self.places.iter().map(|place| {
@@ -389,15 +386,10 @@ impl IrradianceCaching {
                 (2 * self.next_batch).min(self.settings.records_per_batch.get().max(FIRST_BATCH));
         }
         self.gathered_count += batch.gathered.len() as u64;
-        for (seen, Gathered { record, sight, deviation }) in batch.places.into_iter().zip(batch.gathered) {
+        for (seen, gathered) in batch.places.into_iter().zip(batch.gathered) {
+            let Gathered { record, extent, sight, deviation } = gathered;
             self.cache.insert(record);
-            self.places.push(Place {
-                seen,
-                sight,
-                radius_m: record.radius_m,
-                visited: Visited::ONCE,
-                deviation,
-            });
+            self.places.push(Place { seen, sight, extent, visited: Visited::ONCE, deviation });
         }
         // Who looked away, or elsewhere, has no walk that this ends.
         let looking = self.gazes.iter().position(|gaze| gaze.key == batch.key);
@@ -471,7 +463,7 @@ impl IrradianceCaching {
         let finer = IrradianceCache::new(settings, self.base.clone());
         let mut rougher = std::mem::replace(&mut self.cache, finer);
         for (record, place) in rougher.records.iter().zip(&self.places) {
-            let reach_min_m = settings.reach_min_m(place.seen.pixel_m);
+            let reach_min_m = settings.reach_min_m(place.seen.pixel_m, place.extent.all_gone_m);
             self.cache.insert(Record { reach_min_m, ..*record });
         }
         self.steady(&mut rougher);
@@ -506,7 +498,7 @@ impl IrradianceCaching {
         let Some((gathered, counts)) = by.refine_all((&points, &old), visits) else {
             return Counts::default();
         };
-        for (index, Gathered { record, sight, deviation }) in due.iter().zip(gathered) {
+        for (index, Gathered { record, sight, deviation, .. }) in due.iter().zip(gathered) {
             let place = &mut self.places[*index];
             let before = std::mem::replace(&mut self.cache.records[*index], record).irradiance;
             place.sight = place.sight.union(&sight);

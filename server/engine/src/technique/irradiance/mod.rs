@@ -69,7 +69,7 @@ pub struct IrradianceSettings {
     /// Radii grow from record to record no faster than the distance between them, so that no corner is overlooked
     /// [Krivanek2006].
     pub clamps_neighbours: bool,
-    /// A record counts over so many pixels of its first sight at least, but where its light changes much over them.
+    /// A record counts over so many pixels of its first sight at least, or down to a quarter of them where its light changes much.
     pub pixels_min: f32,
     /// Steps are cut to some 10 ms by the clock, so that whoever waits is not kept waiting; else to a fixed number of records.
     /// What records become does not depend on it.
@@ -87,8 +87,8 @@ const PIXELS_COARSER_MAX: f32 = 2.0;
 /// Pixels make a record count no farther than this share of the way over which its gradient would take all of its light away: between
 /// the slats of a blind, three pixels apart, records of four pixels were off by 55 % however long they were gathered for.
 const STEEP_SHARE: f32 = 0.6;
-/// Of so many times fewer pixels at the finest: a pixel, in the last round. With half a pixel the blind was off by 28 % for 39, and Sponza
-/// by a fourteenth more, for records that are missing elsewhere meanwhile.
+/// Of so many times fewer pixels at the finest: by default one, in the last round. What is finer than a pixel is not seen, and its records
+/// would be missing elsewhere meanwhile.
 const STEEP_FINER_MAX: f32 = 4.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 /// By 32 visits three narrow spots by `auto` are off by half of what they were by four after 30 s; more would keep a picture of few samples
@@ -124,8 +124,10 @@ impl IrradianceSettings {
     /// How far a record counts at least, m.
     ///
     /// - `pixel_m`: width of a pixel where it is seen
-    fn reach_min_m(&self, pixel_m: f32) -> f32 {
-        self.pixels_min * pixel_m
+    /// - `all_gone_m`: the way over which its gradient would take all of its light away; infinite where it is even
+    fn reach_min_m(&self, pixel_m: f32, all_gone_m: f32) -> f32 {
+        let whole_m = self.pixels_min * pixel_m;
+        whole_m.min((STEEP_SHARE * all_gone_m).max(whole_m / STEEP_FINER_MAX))
     }
 
     /// Rings and sectors of a hemisphere: cells about as wide as high [Ward1992], with four rays each at most in the mean.
@@ -196,7 +198,7 @@ impl IrradianceCache {
     /// another beside it would show in less than a pixel: else the leaves of a tree would each ask for their own.
     fn covers(&self, p: Vec3, facing: &Facing, pixel_m: f32) -> bool {
         let weighing = &self.settings.weighing;
-        let widest_m = PIXELS_COARSER_MAX * self.settings.reach_min_m(pixel_m);
+        let widest_m = PIXELS_COARSER_MAX * self.settings.reach_min_m(pixel_m, f32::INFINITY);
         self.index.around(p).any(|place| {
             let record = &self.records[place as usize];
             let reach_min_m = record.reach_min_m.min(widest_m);

@@ -7,7 +7,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    IrradianceSettings, PIXELS_COARSER_MAX, STEEP_FINER_MAX, STEEP_SHARE,
+    IrradianceSettings, PIXELS_COARSER_MAX,
     hemisphere::{self, Hemisphere},
     horizon::Horizon,
     sight::Sight,
@@ -154,7 +154,7 @@ impl Record {
         self.radius_m = self.radius_m.min(neighbour.reach_m(accuracy) / accuracy + away_m);
     }
 
-    /// Makes it count no farther, by the pixels of its first sight, than a neighbour that was seen from nearer lets it: over twice that one's
+    /// Makes it count no farther, by the pixels of its first sight, than a neighbour that was seen from nearer, or whose light is steep, lets it: over twice that one's
     /// pixels, and the way between them.
     pub(super) fn clamp_to_nearer_sight(&mut self, neighbour: &Record) {
         let away_m = self.position.distance(neighbour.position);
@@ -180,21 +180,30 @@ impl Record {
         Rgb::new((r + change(0)).max(0.0), (g + change(1)).max(0.0), (b + change(2)).max(0.0))
     }
 
-    /// Of the hemisphere above a point.
-    fn of(world: &World, seen: &Seen, hemisphere: &Hemisphere, settings: &IrradianceSettings) -> Record {
+    /// Of the hemisphere above a point, and how far it counts. Where the light changes faster than the distances around say, it counts
+    /// less far: never so far that its gradient would take all of its light away.
+    fn of(
+        world: &World,
+        seen: &Seen,
+        hemisphere: &Hemisphere,
+        settings: &IrradianceSettings,
+    ) -> (Record, Extent) {
         let mut record = Record {
             position: seen.point.position,
             normal: seen.facing.normal,
             n_geo: seen.facing.n_geo,
             irradiance: hemisphere.irradiance(),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
-            reach_min_m: settings.reach_min_m(seen.pixel_m),
+            reach_min_m: 0.0,
             turning: hemisphere.turning(),
             moving: hemisphere.moving(),
             horizon: hemisphere.horizon(),
         };
-        record.limit_by_gradient();
-        record
+        let all_gone_m = record.all_gone_m();
+        record.radius_m = record.radius_m.min(all_gone_m);
+        record.reach_min_m = settings.reach_min_m(seen.pixel_m, all_gone_m);
+        let extent = Extent { radius_m: record.radius_m, all_gone_m };
+        (record, extent)
     }
 
     /// Takes in another gathering at the same point, after so many `visits`; after none it takes the place of what was known. How far
@@ -214,25 +223,29 @@ impl Record {
         towards(&mut self.moving, newest.moving);
     }
 
-    /// Where the light changes faster than the distances around say, the record counts less far: never so far that its
-    /// gradient would take all of it away. By pixels it counts no farther than most of that way, but for what is finer than one.
-    fn limit_by_gradient(&mut self) {
+    /// The way over which its gradient would take all of its light away, m; infinite where it is even, or beyond what numbers hold.
+    fn all_gone_m(&self) -> f32 {
         let [r, g, b] = self.moving;
         let steepest = Rgb::new(r.length(), g.length(), b.length()).mean();
-        let all = self.irradiance.mean();
-        if steepest > 0.0 && all > 0.0 {
-            let all_gone_m = all / steepest;
-            self.radius_m = self.radius_m.min(all_gone_m);
-            let finest_m = self.reach_min_m / STEEP_FINER_MAX;
-            self.reach_min_m = self.reach_min_m.min((STEEP_SHARE * all_gone_m).max(finest_m));
-        }
+        let way_m = self.irradiance.mean() / steepest;
+        if way_m > 0.0 { way_m } else { f32::INFINITY }
     }
+}
+
+/// How far a record counts by itself.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Extent {
+    /// Harmonic mean distance to what is seen, or less where its gradient asks for it, m.
+    pub(super) radius_m: f32,
+    /// The way over which its gradient would take all of its light away, m; infinite where it is even.
+    pub(super) all_gone_m: f32,
 }
 
 /// A record as it was just gathered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Gathered {
     pub(super) record: Record,
+    pub(super) extent: Extent,
     /// How far its rays went.
     pub(super) sight: Sight,
     /// Of the mean irradiance of the channels, as the halves of this gathering tell it, W/m².
@@ -257,10 +270,9 @@ impl GatherBy<'_> {
 
     fn gather(self, points: &[Seen], visit: u32) -> Option<(Vec<Gathered>, Counts)> {
         let (hemispheres, counts) = self.hemispheres(points, visit)?;
-        let gathered = |(seen, hemisphere): (_, &Hemisphere)| Gathered {
-            record: Record::of(self.world, seen, hemisphere, self.settings),
-            sight: hemisphere.sight(),
-            deviation: hemisphere.deviation(),
+        let gathered = |(seen, hemisphere): (_, &Hemisphere)| {
+            let (record, extent) = Record::of(self.world, seen, hemisphere, self.settings);
+            Gathered { record, extent, sight: hemisphere.sight(), deviation: hemisphere.deviation() }
         };
         Some((points.iter().zip(&hemispheres).map(gathered).collect(), counts))
     }

@@ -396,7 +396,7 @@ pub(super) fn strip() -> Painted<impl Fn(Vec3) -> Rgb + Send + Sync> {
     Painted(|p: Vec3| Rgb::splat(if p.x > 0.99 && p.y < -0.9 { 10.0 } else { 0.1 }))
 }
 
-/// Pixels make records count as far as light changes little over them: whole where it is even, less beside what shines, and hardly less than
+/// Pixels make records count as far as light changes little over them: whole where it is even, less beside what shines, and never less than
 /// one however steep it is. Elsewhere a record would say of the pixels around what holds at its own place alone.
 #[test]
 fn steep_light_counts_over_few_pixels() {

@@ -50,9 +50,9 @@ impl IrradianceCaching {
         };
         self.take_pace(gathered.len(), start);
         self.gathered_count += gathered.len() as u64;
-        for (index, Gathered { record, sight, deviation }) in (first..end).zip(gathered) {
+        for (index, Gathered { record, extent, sight, deviation }) in (first..end).zip(gathered) {
             let place = &mut self.places[index];
-            (place.sight, place.radius_m, place.visited) = (sight, record.radius_m, Visited::ONCE);
+            (place.sight, place.extent, place.visited) = (sight, extent, Visited::ONCE);
             place.deviation = deviation;
             relit.insert(record);
         }
