@@ -154,8 +154,8 @@ impl Record {
         self.radius_m = self.radius_m.min(neighbour.reach_m(accuracy) / accuracy + away_m);
     }
 
-    /// Makes it count no farther, by the pixels of its first sight, than a neighbour that was seen from nearer, or whose light is steep, lets it: over twice that one's
-    /// pixels, and the way between them.
+    /// Makes it count no farther, by the pixels of its first sight, than a neighbour that was seen from nearer, or whose light is steep,
+    /// lets it: over twice that one's pixels, and the way between them.
     pub(super) fn clamp_to_nearer_sight(&mut self, neighbour: &Record) {
         let away_m = self.position.distance(neighbour.position);
         self.reach_min_m = self.reach_min_m.min(PIXELS_COARSER_MAX * neighbour.reach_min_m + away_m);
@@ -223,12 +223,14 @@ impl Record {
         towards(&mut self.moving, newest.moving);
     }
 
-    /// The way over which its gradient would take all of its light away, m; infinite where it is even, or beyond what numbers hold.
+    /// The way over which its gradient would take all of its light away, m; infinite where it is even or dark.
     fn all_gone_m(&self) -> f32 {
         let [r, g, b] = self.moving;
         let steepest = Rgb::new(r.length(), g.length(), b.length()).mean();
-        let way_m = self.irradiance.mean() / steepest;
-        if way_m > 0.0 { way_m } else { f32::INFINITY }
+        let all = self.irradiance.mean();
+        let way_m = all / steepest;
+        // Not where both are beyond what numbers hold: that is no way.
+        if all > 0.0 && way_m >= 0.0 { way_m } else { f32::INFINITY }
     }
 }
 
