@@ -9,6 +9,7 @@ use lumicast_engine::render::MeasuringShare;
 use lumicast_engine::scene::SceneLimits;
 use lumicast_protocol::Limits;
 use serde::{Deserialize, Serialize};
+use std::ffi::{OsStr, OsString};
 use std::path::Path;
 use std::time::Duration;
 
@@ -238,7 +239,7 @@ impl Config {
     /// - `flags`: key, value and the flag as it was written
     pub fn load(
         file: Option<&Path>,
-        environment: impl Iterator<Item = (String, String)>,
+        environment: impl Iterator<Item = (OsString, OsString)>,
         flags: &[(String, String, String)],
     ) -> Result<Config, ConfigError> {
         let mut table = table_of(&Config::default());
@@ -246,10 +247,16 @@ impl Config {
             overlay_file(&mut table, path)?;
         }
         for (name, value) in environment {
-            let key = name.strip_prefix("LUMICAST_").map(str::to_lowercase);
             // Other programs' LUMICAST_ variables (LUMICAST_GPU of the tests) are none of our business.
-            if let Some(key) = key.filter(|key| table.contains_key(key)) {
-                overlay_text(&mut table, &key, &value, format!("environment variable {name}"))?;
+            if let Some((name, key)) = setting_of(&name).filter(|(_, key)| table.contains_key(key)) {
+                let origin = format!("environment variable {name}");
+                match value.to_str() {
+                    Some(text) => overlay_text(&mut table, &key, text, origin)?,
+                    None => {
+                        let value = value.to_string_lossy().into_owned();
+                        return Err(ConfigError::WrongType { origin, key, value, expected: "UTF-8" });
+                    }
+                }
             }
         }
         for (key, value, flag) in flags {
@@ -513,6 +520,12 @@ fn overlay(
     Ok(())
 }
 
+/// Name of an environment variable, and key of the setting that it would be; `None` if it is none of ours.
+fn setting_of(name: &OsStr) -> Option<(&str, String)> {
+    let name = name.to_str()?;
+    Some((name, name.strip_prefix("LUMICAST_")?.to_lowercase()))
+}
+
 /// The same from a text, read as the type that the setting has.
 fn overlay_text(table: &mut toml::Table, key: &str, text: &str, origin: String) -> Result<(), ConfigError> {
     use toml::Value::{Array, Boolean, Float, Integer, String};
@@ -537,7 +550,7 @@ mod tests {
     fn load(toml: &str, environment: &[(&str, &str)], flags: &[(&str, &str)]) -> Result<Config, String> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), toml).unwrap();
-        let environment = environment.iter().map(|(k, v)| (k.to_string(), v.to_string()));
+        let environment = environment.iter().map(|(k, v)| (k.into(), v.into()));
         let flags: Vec<_> =
             flags.iter().map(|(k, v)| (k.to_string(), v.to_string(), format!("--set {k}"))).collect();
         Config::load(Some(file.path()), environment, &flags).map_err(|e| e.to_string())
@@ -557,6 +570,18 @@ mod tests {
         assert!(!load("keep_noise = true", &[("LUMICAST_KEEP_NOISE", "false")], &[]).unwrap().keep_noise);
         // A whole number will do where a fraction is expected.
         assert_eq!(load("frame_seconds = 3", &[], &[]).unwrap().frame_seconds, 3.0);
+    }
+
+    /// Variables that are no text are others' business; one that would be a setting is told by name.
+    #[cfg(unix)]
+    #[test]
+    fn variables_that_are_no_text_do_no_harm() {
+        use std::os::unix::ffi::OsStringExt;
+        let odd = || OsString::from_vec(vec![b'x', 0xff]);
+        let load = |name: OsString| Config::load(None, std::iter::once((name, odd())), &[]);
+        assert_eq!(load(odd()).unwrap(), Config::default());
+        assert_eq!(load("HOME".into()).unwrap(), Config::default());
+        assert!(load("LUMICAST_DATA".into()).unwrap_err().to_string().contains("LUMICAST_DATA"));
     }
 
     /// What messages about scene files advise to raise can be raised.
@@ -602,6 +627,7 @@ mod tests {
         }
         assert!(load("", &[("LUMICAST_THREADS", "x")], &[]).unwrap_err().contains("LUMICAST_THREADS"));
         assert!(load("", &[], &[("nothing", "1")]).unwrap_err().contains("nothing"));
+        assert_eq!(load("", &[("LUMICAST_NOTHING", "x")], &[]).unwrap(), Config::default());
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! `lumicast edit`: sends a batch to a server and says what it made.
 
+use super::output::print_line;
 use clap::Args;
 use http_body_util::{BodyExt, Full};
 use hyper::body::Bytes;
@@ -45,17 +46,16 @@ impl EditArgs {
         let text = String::from_utf8_lossy(&body);
         if status != StatusCode::OK {
             if self.json {
-                println!("{text}");
+                print_line(&text)?;
             }
             return Err(told(status, &body).into());
         }
         let reply: EditReply = serde_json::from_slice(&body)
             .map_err(|error| format!("the answer of {uri} is no edit reply ({error}): {text:.200}"))?;
         match self.json {
-            true => println!("{text}"),
-            false => println!("revision {}", reply.revision),
+            true => Ok(print_line(&text)?),
+            false => Ok(print_line(&format!("revision {}", reply.revision))?),
         }
-        Ok(())
     }
 
     async fn post(&self, uri: &Uri, batch: Vec<u8>) -> Result<(StatusCode, Bytes), Box<dyn Error>> {

@@ -1,5 +1,6 @@
 //! `lumicast serve`: settings, scenes, the listener, and the end.
 
+use super::output::print_line;
 use super::scene_source::SceneSource;
 use crate::config::Config;
 use crate::http::{self, Service, id_of_name};
@@ -47,8 +48,7 @@ impl ServeArgs {
     pub(super) fn run(self) -> Result<(), Box<dyn Error>> {
         let config = self.config()?;
         if self.print_config {
-            print!("{}", config.to_toml());
-            return Ok(());
+            return Ok(print_line(config.to_toml().trim_end())?);
         }
         telemetry::init_logging(&config.log, &config.log_format)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
@@ -76,7 +76,7 @@ impl ServeArgs {
                 pair.split_once('=').ok_or_else(|| format!("flag --set {pair:?}: write key=value"))?;
             flags.push((key.trim().into(), value.into(), format!("flag --set {key}")));
         }
-        Ok(Config::load(self.config.as_deref(), std::env::vars(), &flags)?)
+        Ok(Config::load(self.config.as_deref(), std::env::vars_os(), &flags)?)
     }
 
     async fn serve(self, config: Config) -> Result<(), Box<dyn Error>> {
@@ -114,7 +114,10 @@ impl ServeArgs {
             loaded = loading => {
                 loaded??;
                 ready.store(true, SeqCst);
-                announce(address, &scenes);
+                // A server that nobody reads serves all the same.
+                if let Err(error) = print_line(&greeting(address, &scenes)) {
+                    tracing::warn!(%error, "nobody was told where to look");
+                }
                 shutdown::asked_to_stop().await?;
             }
             asked = shutdown::asked_to_stop() => asked?,
@@ -183,31 +186,34 @@ fn name_of(source: &SceneSource) -> (String, lumicast_protocol::SceneId) {
     (name, id)
 }
 
-/// Says where to look.
-fn announce(address: SocketAddr, scenes: &Scenes) {
+/// Where to look, a line each.
+fn greeting(address: SocketAddr, scenes: &Scenes) -> String {
     let list = scenes.list().scenes;
-    println!("Lumicast {} at http://{address}/", env!("CARGO_PKG_VERSION"));
-    for scene in &list {
-        println!("  {:<20} revision {:<5} {} triangles", scene.id.as_str(), scene.revision, scene.triangles);
-    }
-    println!("  In a browser       http://{address}/");
-    println!("  The viewer         lumicast-viewer http://{address}");
+    let mut lines = vec![format!("Lumicast {} at http://{address}/", env!("CARGO_PKG_VERSION"))];
+    lines.extend(list.iter().map(|scene| {
+        format!("  {:<20} revision {:<5} {} triangles", scene.id.as_str(), scene.revision, scene.triangles)
+    }));
+    lines.push(format!("  In a browser       http://{address}/"));
+    lines.push(format!("  The viewer         lumicast-viewer http://{address}"));
     if let Some(scene) = list.first() {
-        println!(
+        lines.push(format!(
             "  A picture          curl -o picture.png 'http://{address}/v1/scenes/{}/frame?time=2'",
             scene.id
-        );
-        println!(
+        ));
+        lines.push(format!(
             "  An edit            curl -H 'content-type: application/json' -d '[{{\"op\":\"set_environment\",\"kind\":\"constant\",\"radiance\":[0.2,0.3,0.5]}}]' http://{address}/v1/scenes/{}/edits",
             scene.id
-        );
+        ));
     }
     if !scenes.workshop().is_durable() {
-        println!("  Edits live in memory and end with this process; --data DIR keeps them.");
+        lines.push("  Edits live in memory and end with this process; --data DIR keeps them.".into());
     }
     if !address.ip().is_loopback() {
-        println!("  Listening beyond this machine, without password: anybody who reaches it can edit.");
+        lines.push(
+            "  Listening beyond this machine, without password: anybody who reaches it can edit.".into(),
+        );
     }
+    lines.join("\n")
 }
 
 #[cfg(test)]
