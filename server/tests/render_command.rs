@@ -6,7 +6,10 @@ use std::{
     io::{BufRead, BufReader},
     path::Path,
     process::{Command, Output, Stdio},
+    time::Duration,
 };
+
+use lumicast::images::decode_exr;
 
 fn lumicast(folder: &Path, line: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_lumicast"));
@@ -126,30 +129,70 @@ fn exit_codes_tell_what_kind_of_failure_it_was() {
     assert!(names_in(folder.path()).is_empty());
 }
 
-/// A signal ends the rendering: no file, not even half, a sentence that says so, and the shell's exit code.
+/// A rendering that was sent a signal once `is_due`: its exit code, what it wrote on stdout, and what it said.
+#[cfg(unix)]
+fn interrupted(
+    folder: &Path,
+    line: &str,
+    signal: &str,
+    is_due: impl Fn() -> bool,
+) -> (Option<i32>, String, String) {
+    let mut child = lumicast(folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    // This line comes once signals are watched. Without it nothing would end the child.
+    let first = lines.next().unwrap().unwrap();
+    if !first.starts_with("rendering") {
+        child.kill().unwrap();
+        panic!("{first}");
+    }
+    while !is_due() {
+        assert_eq!(child.try_wait().unwrap(), None);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let kill = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+    assert!(kill.unwrap().success());
+    let said: Vec<String> = lines.map(Result::unwrap).collect();
+    let output = child.wait_with_output().unwrap();
+    (output.status.code(), String::from_utf8(output.stdout).unwrap(), said.join("\n"))
+}
+
+/// A signal ends the rendering. Before there is a whole picture: no file, not even half, a sentence that says so, and the shell's exit
+/// code.
 #[cfg(unix)]
 #[test]
 fn a_signal_leaves_no_half_file() {
     for (signal, expected_code) in [("INT", 130), ("TERM", 143)] {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a.exr"), "old").unwrap();
-        let line = "render builtin:cornell-box --size 64x64 --time 1h --out a.exr";
-        let mut child =
-            lumicast(folder.path(), line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
-        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-        // This line comes once signals are watched. Without it nothing would end the child.
-        let first = lines.next().unwrap().unwrap();
-        if !first.starts_with("rendering") {
-            child.kill().unwrap();
-            panic!("{first}");
-        }
-        let kill = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
-        assert!(kill.unwrap().success());
-        assert_eq!(child.wait().unwrap().code(), Some(expected_code));
-        let rest: Vec<String> = lines.map(Result::unwrap).collect();
-        let said = rest.join("\n");
+        // Large enough for the signal to come before its first pass is over.
+        let line = "render builtin:cornell-box --size 1500x1500 --indirect path --time 1h --out a.exr";
+        let (code, stdout, said) = interrupted(folder.path(), line, signal, || true);
+        assert_eq!((code, stdout.as_str()), (Some(expected_code), ""));
         assert!(said.contains(&format!("SIG{signal}")) && said.contains("a.exr was not written"), "{said}");
         assert_eq!(names_in(folder.path()), ["a.exr"]);
         assert_eq!(std::fs::read(folder.path().join("a.exr")).unwrap(), b"old");
+    }
+}
+
+/// A picture that is stopped by a signal is written as it is by then, with its facts.
+#[cfg(unix)]
+#[test]
+fn a_signal_keeps_what_there_is() {
+    for (signal, expected_code) in [("INT", 130), ("TERM", 143)] {
+        let folder = tempfile::tempdir().unwrap();
+        let line = "render builtin:cornell-box --size 64x64 --time 1h --snapshots shots --out a.exr --json";
+        let shots = folder.path().join("shots");
+        // A first snapshot is a whole picture.
+        let is_due = || shots.is_dir() && names_in(&shots).iter().any(|name| name.ends_with(".exr"));
+        let (code, stdout, said) = interrupted(folder.path(), line, signal, is_due);
+        assert_eq!(code, Some(expected_code), "{said}");
+        let expected =
+            [&format!("SIG{signal}"), "a.exr is the picture as it was by then", "snapshots are in"];
+        assert!(expected.iter().all(|expected| said.contains(*expected)), "{said}");
+        let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        assert_eq!(facts["stopped_by"], "signal");
+        let (size, radiance) = decode_exr(&std::fs::read(folder.path().join("a.exr")).unwrap()).unwrap();
+        assert_eq!([size.width(), size.height()], [64, 64]);
+        assert!(radiance.iter().filter(|radiance| radiance.luminance() > 0.0).count() > 3000);
     }
 }

@@ -35,7 +35,7 @@ pub enum CliError {
         #[source]
         source: io::Error,
     },
-    /// Ended by a signal before it was done.
+    /// Ended by a signal.
     #[error("stopped by {name} after {done}: {left}")]
     Signal {
         /// Name of the signal.

@@ -67,9 +67,6 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         let statistics = job.statistics(&rendering, &outcome);
         Ok::<_, CliError>((outcome, picture, hint, statistics))
     })?;
-    if let Some(signal) = outcome.interrupt.came() {
-        return Err(job.stopped(signal, &rendering, outcome.snapshot_count));
-    }
     write_file(&args.out, &picture)?;
     let is_confirmed = args.error.is_some_and(|target| rendering.confirms(target));
     let measured = rendering.measured_error();
@@ -79,7 +76,14 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     if let Some(hint) = hint {
         eprintln!("hint: {hint}");
     }
-    report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))
+    report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))?;
+    match outcome.interrupt.came() {
+        Some(signal) => {
+            let left = format!("{} is the picture as it was by then", args.out.display());
+            Err(job.stopped(signal, &rendering, left, outcome.snapshot_count))
+        }
+        None => Ok(()),
+    }
 }
 
 /// What can be known to be wrong before any work is done.
@@ -246,12 +250,12 @@ impl<'a> Job<'a> {
             }
             // Looked at after the flag was cleared: a signal in between is seen here, a later one sets the flag.
             if let Some(signal) = interrupt.came() {
+                if rendering.passes() > 0 {
+                    break StopReason::Signal;
+                }
                 progress.finish();
-                return Err(self.stopped(
-                    signal,
-                    rendering,
-                    snapshots.map_or(0, |snapshots| snapshots.count()),
-                ));
+                let left = format!("{} was not written", self.args.out.display());
+                return Err(self.stopped(signal, rendering, left, 0));
             }
             let step_start = Instant::now();
             rendering.step(&cancel);
@@ -335,7 +339,8 @@ impl<'a> Job<'a> {
     }
 
     fn facts(&self, rendering: &Rendering, stopped_by: StopReason, seconds: f64) -> PictureFacts {
-        let seconds = (stopped_by == StopReason::Time).then_some(seconds);
+        let is_by_clock = matches!(stopped_by, StopReason::Time | StopReason::Signal);
+        let seconds = is_by_clock.then_some(seconds);
         PictureFacts { seconds, ..self.facts_now(rendering) }
     }
 
@@ -343,10 +348,10 @@ impl<'a> Job<'a> {
         &self,
         (name, number): (&'static str, u8),
         rendering: &Rendering,
+        mut left: String,
         snapshot_count: usize,
     ) -> CliError {
         let done = format!("{} samples per pixel in {:.1} s", rendering.passes(), self.seconds());
-        let mut left = format!("{} was not written", self.args.out.display());
         if let Some(folder) = &self.args.snapshots {
             left += &format!("; {snapshot_count} snapshots are in {}", folder.display());
         }

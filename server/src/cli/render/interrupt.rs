@@ -1,4 +1,4 @@
-//! Signals during a rendering: the pass ends between two tiles, nothing half is written.
+//! Signals during a rendering: the pass ends between two tiles, and the picture is what it is by then.
 
 use std::sync::{
     Arc,

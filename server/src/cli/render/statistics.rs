@@ -39,7 +39,7 @@ pub(super) struct Statistics {
     pub(super) seed: u64,
     /// Samples that every pixel has.
     pub(super) samples_per_pixel: u32,
-    /// What ended it: samples, time, error, or best: the technique cannot reach the error.
+    /// What ended it: samples, time, error, best (the technique cannot reach the error) or signal.
     pub(super) stopped_by: &'static str,
     /// Measured error, √relMSE, as a share.
     pub(super) error: Option<f64>,

@@ -15,6 +15,8 @@ pub(super) enum StopReason {
     Error,
     /// `--error` is less than the technique can reach.
     Best,
+    /// SIGINT or SIGTERM.
+    Signal,
 }
 
 impl StopReason {
@@ -25,6 +27,7 @@ impl StopReason {
             StopReason::Time => "time",
             StopReason::Error => "error",
             StopReason::Best => "best",
+            StopReason::Signal => "signal",
         }
     }
 }
