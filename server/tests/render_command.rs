@@ -3,10 +3,10 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::{
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, Read},
     path::Path,
     process::{Command, Output, Stdio},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use lumicast::images::decode_exr;
@@ -129,7 +129,19 @@ fn exit_codes_tell_what_kind_of_failure_it_was() {
     assert!(names_in(folder.path()).is_empty());
 }
 
-/// A rendering that was sent a signal once `is_due`: its exit code, what it wrote on stdout, and what it said.
+/// Ends with the test, however that ends.
+#[cfg(unix)]
+struct Running(std::process::Child);
+
+#[cfg(unix)]
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A rendering that was sent a signal once `is_due`: its exit code, what it wrote on standard output, and what it said.
 #[cfg(unix)]
 fn interrupted(
     folder: &Path,
@@ -137,23 +149,24 @@ fn interrupted(
     signal: &str,
     is_due: impl Fn() -> bool,
 ) -> (Option<i32>, String, String) {
-    let mut child = lumicast(folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let child = lumicast(folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut running = Running(child);
+    let mut lines = BufReader::new(running.0.stderr.take().unwrap()).lines();
     // This line comes once signals are watched. Without it nothing would end the child.
     let first = lines.next().unwrap().unwrap();
-    if !first.starts_with("rendering") {
-        child.kill().unwrap();
-        panic!("{first}");
-    }
+    assert!(first.starts_with("rendering"), "{first}");
+    let begun = Instant::now();
     while !is_due() {
-        assert_eq!(child.try_wait().unwrap(), None);
+        assert_eq!(running.0.try_wait().unwrap(), None);
+        assert!(begun.elapsed() < Duration::from_secs(120), "it never came to that");
         std::thread::sleep(Duration::from_millis(5));
     }
-    let kill = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+    let kill = Command::new("kill").args([&format!("-{signal}"), &running.0.id().to_string()]).status();
     assert!(kill.unwrap().success());
     let said: Vec<String> = lines.map(Result::unwrap).collect();
-    let output = child.wait_with_output().unwrap();
-    (output.status.code(), String::from_utf8(output.stdout).unwrap(), said.join("\n"))
+    let mut stdout = String::new();
+    running.0.stdout.take().unwrap().read_to_string(&mut stdout).unwrap();
+    (running.0.wait().unwrap().code(), stdout, said.join("\n"))
 }
 
 /// A signal ends the rendering. Before there is a whole picture: no file, not even half, a sentence that says so, and the shell's exit

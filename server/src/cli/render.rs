@@ -67,7 +67,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         let statistics = job.statistics(&rendering, &outcome);
         Ok::<_, CliError>((outcome, picture, hint, statistics))
     })?;
-    write_file(&args.out, &picture)?;
+    outcome.interrupt.undisturbed(|| write_file(&args.out, &picture))?;
     let is_confirmed = args.error.is_some_and(|target| rendering.confirms(target));
     let measured = rendering.measured_error();
     if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, measured, is_confirmed) {
@@ -77,7 +77,7 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
         eprintln!("hint: {hint}");
     }
     report(&args, &statistics, outcome.stopped_by, &EffectPlan::of(job.world.scene()))?;
-    match outcome.interrupt.came() {
+    match outcome.interrupt.came().filter(|_| outcome.stopped_by == StopReason::Signal) {
         Some(signal) => {
             let left = format!("{} is the picture as it was by then", args.out.display());
             Err(job.stopped(signal, &rendering, left, outcome.snapshot_count))
@@ -277,7 +277,8 @@ impl<'a> Job<'a> {
             if let Some(snapshots) = &mut snapshots
                 && seconds >= snapshots.next_seconds()
             {
-                snapshots.take_if_due(rendering, &self.facts_now(rendering), seconds)?;
+                let facts = self.facts_now(rendering);
+                interrupt.undisturbed(|| snapshots.take_if_due(rendering, &facts, seconds))?;
             }
             if let Some(reason) = self.is_done(rendering, seconds) {
                 break reason;
@@ -287,7 +288,8 @@ impl<'a> Job<'a> {
         let seconds = self.seconds();
         outlook.end(rendering, seconds);
         if let Some(snapshots) = &mut snapshots {
-            snapshots.take(rendering, &self.facts_now(rendering), seconds)?;
+            let facts = self.facts_now(rendering);
+            interrupt.undisturbed(|| snapshots.take(rendering, &facts, seconds))?;
         }
         let snapshot_count = snapshots.map_or(0, |snapshots| snapshots.count());
         Ok(Outcome { stopped_by, seconds, frame_seconds, snapshot_count, outlook, interrupt })
