@@ -5,6 +5,7 @@
 //! Imports nothing: the engine takes texts from here and hands them to its graphics interface.
 
 mod accel;
+mod caustics;
 mod film;
 mod irradiance;
 mod octree;
@@ -14,6 +15,9 @@ mod path;
 mod tests;
 
 pub use accel::{CLOSEST, OCCLUDED, TREE, UNMASKED};
+pub use caustics::{
+    CAUSTICS_ALLOT, CAUSTICS_CHOOSE, CAUSTICS_FILL, CAUSTICS_ORDER, CAUSTICS_PLACE, CAUSTICS_SUM_ROWS,
+};
 pub use film::{FILM_JOINED, FILM_KNOWN_BETTER, FILM_PER_DIFFERENCE, FILM_SHOW};
 pub use irradiance::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
 pub use octree::{OCTREE_SEARCH, OCTREE_WITHIN};
@@ -48,6 +52,12 @@ pub static STEPS: &[&Step] = &[
     &IRRADIANCE_RESOLVE,
     &OCTREE_SEARCH,
     &OCTREE_WITHIN,
+    &CAUSTICS_PLACE,
+    &CAUSTICS_SUM_ROWS,
+    &CAUSTICS_CHOOSE,
+    &CAUSTICS_ALLOT,
+    &CAUSTICS_FILL,
+    &CAUSTICS_ORDER,
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.

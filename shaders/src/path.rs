@@ -3,6 +3,7 @@
 use crate::{
     Overlap, Part, Raster, Step,
     accel::{TREE, UNMASKED},
+    caustics::{FOCUSED, SKETCH},
     irradiance::{BY_RECORDS, FACING, WEIGH},
 };
 
@@ -17,7 +18,6 @@ static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../
 static KNOWN: Part = Part { name: "path/known", source: include_str!("../path/known.wgsl") };
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
 static BY_OCTREE: Part = Part { name: "octree/asked", source: include_str!("../octree/asked.wgsl") };
-static FOCUSED: Part = Part { name: "caustics/look_up", source: include_str!("../caustics/look_up.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
 static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
 static FRESH: Part = Part { name: "path/fresh", source: include_str!("../path/fresh.wgsl") };
@@ -45,7 +45,8 @@ macro_rules! shading {
             name: $name,
             entry_point: "shade",
             parts: &[
-                &NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &$brings, &FOCUSED, &KNOWN, $(&$asked,)+
+                &NUMBERS, &SCENE, &BSDF, &SURFACE, &LIGHTS, &TREE, &STATE, &$brings, &SKETCH, &FOCUSED, &KNOWN,
+                $(&$asked,)+
                 &SHADE_ENTRY,
             ],
             workgroup_size: [64, 1, 1],

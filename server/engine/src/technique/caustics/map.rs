@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::Sheet;
 use crate::{
     math::Rgb,
-    technique::{FocusedLight, FocusedScatter, PackedPhotons},
+    technique::{FocusedLight, FocusedScatter, PackedFocused},
     transport::{Bsdf, Surface},
 };
 
@@ -222,8 +222,8 @@ impl FocusedLight for CausticMap {
         lit.scatter()
     }
 
-    fn packed(&self) -> Option<PackedPhotons> {
-        Some(self.pack_photons())
+    fn packed(&self) -> Option<PackedFocused> {
+        Some(PackedFocused::Grids(self.pack_photons()))
     }
 }
 

@@ -36,7 +36,7 @@ impl CausticMap {
     }
 }
 
-fn packed(photon: &CausticPhoton) -> GpuPhoton {
+pub(super) fn packed(photon: &CausticPhoton) -> GpuPhoton {
     GpuPhoton {
         position: photon.position.into(),
         r2: photon.radius_m * photon.radius_m,

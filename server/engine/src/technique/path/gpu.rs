@@ -18,6 +18,7 @@ mod known;
 mod lookouts;
 mod photons;
 mod scene;
+mod sketch;
 mod slices;
 mod splats;
 mod step_clock;

@@ -34,8 +34,8 @@ pub use self::{
     guide::{Flight, GUIDED_SHARE, Guidance, Guide},
     map::{FallenPhoton, MAPPED, MapPhoton, PhotonMaps, SideMap},
     packed::{
-        GpuLightSet, GpuOctreeHeader, GpuPhoton, GpuRecord, LIKE_COS, PackedLight, PackedPhotons,
-        PackedRecords,
+        GpuLightSet, GpuOctreeHeader, GpuPhoton, GpuRecord, LIKE_COS, PackedFocused, PackedLight,
+        PackedPhotons, PackedRecords, PackedSketch, SHOWN_NOWHERE, SKETCH_WIDTHS, SketchWindows,
     },
     patch::{Patch, clip_to_box},
     surfaces::{SideId, Surfaces, TriangleSide},
@@ -203,7 +203,7 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
 
     /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
-    fn packed(&self) -> Option<PackedPhotons> {
+    fn packed(&self) -> Option<PackedFocused> {
         None
     }
 }

@@ -3,6 +3,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::{math::Rgb, technique::View};
+
 /// Cosine of the angle between a surface and a group from which on they are lit alike.
 pub const LIKE_COS: f32 = 0.3;
 
@@ -168,4 +170,58 @@ pub struct PackedPhotons {
     pub photons: Vec<GpuPhoton>,
     /// How many grids there are, what each is, and what their cells name.
     pub words: Vec<u32>,
+}
+
+/// Light that mirrors and glass focus, ready for a card.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PackedFocused {
+    /// Of one pass, in grids over the scene.
+    Grids(PackedPhotons),
+    /// Photons that the card is to count in the pixels of a picture.
+    Sketch(Box<PackedSketch>),
+}
+
+/// How many widths of windows a [`PackedSketch`] has.
+pub const SKETCH_WIDTHS: usize = 5;
+/// [`PackedSketch::is_fit`] says this of photons that show nowhere.
+pub const SHOWN_NOWHERE: u32 = u32::MAX;
+
+/// Photons of a scene's caustics, and how a camera is to see them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PackedSketch {
+    /// In their order, without blurs.
+    pub photons: Vec<GpuPhoton>,
+    /// Who sees them.
+    pub view: View,
+    /// The narrowest first.
+    pub windows: [SketchWindows; SKETCH_WIDTHS],
+    /// Share of the flux in windows that hold few photons, from which on they say too little.
+    pub sparse_share: f32,
+}
+
+/// Windows of one width.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SketchWindows {
+    /// Pixels on each side of the middle one.
+    pub half_px: u32,
+    /// Binary logarithm of the width of the cells that photons are kept in, px.
+    pub cell_log2: u32,
+    /// What a photon counts in pixels so many rows and columns away, `[half + 1, half + 1]`, relative to the mean over its window.
+    pub weights: Vec<f32>,
+}
+
+impl PackedSketch {
+    /// Whether photons on the screen are a fit estimate.
+    ///
+    /// - `chosen`: by photon, the place of its window among the widths; [`SKETCH_WIDTHS`] where even the widest holds few others,
+    ///   [`SHOWN_NOWHERE`] where it shows neither in the picture nor near it
+    pub fn is_fit(&self, chosen: &[u32]) -> bool {
+        let (mut flux_w, mut sparse_w) = (0.0, 0.0);
+        for (photon, width) in self.photons.iter().zip(chosen).filter(|(_, width)| **width != SHOWN_NOWHERE) {
+            let luminance_w = Rgb::from(photon.flux_w).luminance();
+            flux_w += luminance_w;
+            sparse_w += if *width as usize >= SKETCH_WIDTHS { luminance_w } else { 0.0 };
+        }
+        !(sparse_w > self.sparse_share * flux_w)
+    }
 }

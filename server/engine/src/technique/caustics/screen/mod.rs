@@ -12,7 +12,10 @@
 //! **Biased**: blurs by pixels, darkens at borders, and knows nothing of what is not on the screen. What is seen in a mirror
 //! shows its caustics only where it is itself on the screen. Seen from so near that few photons lie in the widest window, it is
 //! no use, and not used. It is for one pass, and leaves the film with the next.
+//!
+//! A graphics card counts and filters them by the same rules (`for_card.rs`).
 
+mod for_card;
 #[cfg(test)]
 mod tests;
 
@@ -26,13 +29,13 @@ use super::{
     map::{FLATNESS, Lit},
 };
 use crate::{
-    technique::{FocusedLight, FocusedScatter, View},
+    technique::{FocusedLight, FocusedScatter, SKETCH_WIDTHS, View},
     transport::{Surface, World},
 };
 
 /// Pixels on each side of the middle one of a window, in a picture of 512 × 512: 3 everywhere by [Larsen2004, 12.1]; here less in
 /// a focus, more where few photons fall.
-const HALVES_PX: [f32; 5] = [0.0, 1.0, 2.0, 4.0, 8.0];
+const HALVES_PX: [f32; SKETCH_WIDTHS] = [0.0, 1.0, 2.0, 4.0, 8.0];
 const HALVES_OF_PX: f32 = 512.0;
 /// In the small pictures that are drawn while a camera moves no less than half of that: single photons would stand out as squares.
 const TIMES_MIN: f32 = 0.5;
@@ -50,11 +53,13 @@ const SPARSE_SHARE: f32 = 0.5;
 /// Least cosine at which all of a window counts. Seen at less, photons far away on the same surface do not: windows are as long
 /// as at this one, and cover what that leaves.
 const COS_MIN: f32 = 0.1;
+/// A window that covers less shows nothing: one over its area is no number, m.
+const ACROSS_MIN_M: f32 = 1e-18;
 
 /// Photons of a scene's caustics, for whatever camera.
 #[derive(Debug)]
 pub struct CausticSketch {
-    photons: Vec<CausticPhoton>,
+    photons: Arc<[CausticPhoton]>,
     report: CausticReport,
     rays: u64,
 }
@@ -72,7 +77,7 @@ impl CausticSketch {
             photons_stored: photons.len() as u64,
             bytes: photons.len() * size_of::<CausticPhoton>(),
         };
-        CausticSketch { photons, report, rays: traced.rays }
+        CausticSketch { photons: photons.into(), report, rays: traced.rays }
     }
 
     /// Rays that it took.
@@ -92,7 +97,11 @@ impl CausticSketch {
 
     /// As a camera sees them; `None` where it sees too few of them from too near.
     pub fn seen_by(&self, view: &View) -> Option<Arc<dyn FocusedLight>> {
-        Some(Arc::new(ScreenCaustics::of(&self.photons, view)?))
+        let chosen = Chosen::of(&self.photons, &places_of(&self.photons, view), view);
+        chosen.is_fit.then(|| {
+            let levels = (0..SKETCH_WIDTHS).into_par_iter().map(|width| chosen.level(width, view)).collect();
+            Arc::new(ScreenCaustics::of(&self.photons, &chosen, levels, view)) as _
+        })
     }
 }
 
@@ -100,7 +109,7 @@ impl CausticSketch {
 #[derive(Debug)]
 struct ScreenCaustics {
     view: View,
-    photons: Vec<CausticPhoton>,
+    photons: Arc<[CausticPhoton]>,
     /// By the widths of windows.
     levels: Vec<Level>,
     /// Tiles in a row, and of each whether any photon's window reaches into it.
@@ -135,40 +144,74 @@ struct Placed {
     photon: u32,
 }
 
-impl ScreenCaustics {
-    fn of(all: &[CausticPhoton], view: &View) -> Option<ScreenCaustics> {
-        let size = view.size();
-        let extent = [size.width(), size.height()].map(|count| count as i32);
-        let times = ((size.pixel_count() as f32).sqrt() / HALVES_OF_PX).max(TIMES_MIN);
-        let halves_px = HALVES_PX.map(|half| (half * times).round() as i32);
-        let margin = halves_px.into_iter().max().unwrap_or(0);
-        // Windows of photons beyond the borders reach into the picture.
-        let is_near = |[x, y]: [i32; 2]| {
-            (-margin..extent[0] + margin).contains(&x) && (-margin..extent[1] + margin).contains(&y)
-        };
-        let near = |photon: &CausticPhoton| {
-            let pixel = pixel_of(view, photon.position).filter(|pixel| is_near(*pixel))?;
-            Some((pixel, *photon))
-        };
-        let (pixels, photons): (Vec<[i32; 2]>, Vec<CausticPhoton>) = all.iter().filter_map(near).unzip();
-        let counts = Counts::of(&pixels, extent, margin);
+/// Pixels on each side of the middle one of the windows of a picture, the narrowest first.
+fn halves_px(view: &View) -> [i32; SKETCH_WIDTHS] {
+    let times = ((view.size().pixel_count() as f32).sqrt() / HALVES_OF_PX).max(TIMES_MIN);
+    HALVES_PX.map(|half| (half * times).round() as i32)
+}
+
+/// Windows of photons so many pixels beyond the borders reach into the picture.
+fn margin_of(halves_px: [i32; SKETCH_WIDTHS]) -> i32 {
+    halves_px.into_iter().max().unwrap_or(0)
+}
+
+fn extent_of(view: &View) -> [i32; 2] {
+    [view.size().width(), view.size().height()].map(|count| count as i32)
+}
+
+/// The pixel that each photon shows in; `None` where no window of it reaches into the picture.
+fn places_of(photons: &[CausticPhoton], view: &View) -> Vec<Option<[i32; 2]>> {
+    let (margin, extent) = (margin_of(halves_px(view)), extent_of(view));
+    let is_near = |pixel: &[i32; 2]| {
+        let along = |axis: usize| (-margin..extent[axis] + margin).contains(&pixel[axis]);
+        along(0) && along(1)
+    };
+    photons.iter().map(|photon| pixel_of(view, photon.position).filter(is_near)).collect()
+}
+
+/// Photons that show somewhere, by the widths of their windows.
+struct Chosen {
+    by_level: [Vec<Placed>; SKETCH_WIDTHS],
+    /// Enough of their flux lies in windows that hold enough of them.
+    is_fit: bool,
+}
+
+impl Chosen {
+    fn of(photons: &[CausticPhoton], places: &[Option<[i32; 2]>], view: &View) -> Chosen {
+        let halves_px = halves_px(view);
+        let counts = Counts::of(places.iter().flatten(), extent_of(view), margin_of(halves_px));
         let mut by_level = HALVES_PX.map(|_| Vec::new());
         let (mut flux_w, mut sparse_w) = (0.0, 0.0);
-        for (photon, pixel) in (0..).zip(pixels) {
-            let CausticPhoton { position, flux_w: of_photon, .. } = photons[photon as usize];
-            let is_enough = |half_px: &i32| counts.within(pixel, *half_px) >= ENOUGH;
-            let level = halves_px.iter().position(is_enough);
-            flux_w += of_photon.luminance();
-            sparse_w += if level.is_none() { of_photon.luminance() } else { 0.0 };
-            by_level[level.unwrap_or(halves_px.len() - 1)].push(Placed { pixel, position, photon });
+        for ((photon, of_photon), pixel) in (0..).zip(photons).zip(places) {
+            let Some(pixel) = *pixel else { continue };
+            let level = counts.level_of(pixel, halves_px);
+            let luminance_w = of_photon.flux_w.luminance();
+            flux_w += luminance_w;
+            sparse_w += if level.is_none() { luminance_w } else { 0.0 };
+            let placed = Placed { pixel, position: of_photon.position, photon };
+            by_level[level.unwrap_or(halves_px.len() - 1)].push(placed);
         }
-        if sparse_w > SPARSE_SHARE * flux_w {
-            return None;
-        }
-        drop(counts);
+        Chosen { by_level, is_fit: !(sparse_w > SPARSE_SHARE * flux_w) }
+    }
+
+    /// Those with windows of one width.
+    fn level(&self, width: usize, view: &View) -> Level {
+        Level::of(halves_px(view)[width], extent_of(view), &self.by_level[width])
+    }
+}
+
+impl ScreenCaustics {
+    /// - `levels`: of all widths
+    fn of(
+        photons: &Arc<[CausticPhoton]>,
+        chosen: &Chosen,
+        levels: Vec<Level>,
+        view: &View,
+    ) -> ScreenCaustics {
+        let (extent, halves_px) = (extent_of(view), halves_px(view));
         let [tile_columns, tile_rows] = extent.map(|count| ((count - 1) >> TILE_LOG2) as usize + 1);
         let mut tiles = vec![false; tile_columns * tile_rows];
-        for (placed, half_px) in by_level.iter().zip(halves_px) {
+        for (placed, half_px) in chosen.by_level.iter().zip(halves_px) {
             for [across, down] in
                 placed.iter().map(|placed| reached(placed.pixel, half_px, extent, TILE_LOG2))
             {
@@ -178,20 +221,20 @@ impl ScreenCaustics {
                 });
             }
         }
-        let levels =
-            by_level.par_iter().zip(halves_px).map(|(placed, half_px)| Level::of(half_px, extent, placed));
-        Some(ScreenCaustics { view: *view, photons, levels: levels.collect(), tile_columns, tiles })
+        ScreenCaustics { view: *view, photons: Arc::clone(photons), levels, tile_columns, tiles }
     }
 }
 
 /// The pixel where a point shows; far outside it may be any that is outside.
 fn pixel_of(view: &View, p: Vec3) -> Option<[i32; 2]> {
-    Some(view.project(p)?.map(|at| at.floor() as i32))
+    // At no distance to speak of from the eye there may be no number.
+    let at = view.project(p).filter(|at| at.iter().all(|at| at.is_finite()))?;
+    Some(at.map(|at| at.floor() as i32))
 }
 
 impl Level {
     fn of(half_px: i32, extent: [i32; 2], all: &[Placed]) -> Level {
-        let cell_log2 = (half_px.max(1) as u32).ilog2().max(CELL_LOG2_MIN);
+        let cell_log2 = cell_log2_of(half_px);
         let [columns, rows] = extent.map(|count| ((count - 1) >> cell_log2) + 1);
         let (mut starts, mut placed) = (vec![0; columns as usize * rows as usize + 2], Vec::new());
         let cells = |placed: &Placed| {
@@ -224,6 +267,11 @@ impl Level {
     }
 }
 
+/// Binary logarithm of the width of cells for windows of a width, px.
+fn cell_log2_of(half_px: i32) -> u32 {
+    (half_px.max(1) as u32).ilog2().max(CELL_LOG2_MIN)
+}
+
 /// The kernel of [Silverman1986, 4.2] on pixels, with a mean of 1 over the window.
 fn weights_of(half_px: i32) -> Vec<f32> {
     let end2 = ((half_px + 1) * (half_px + 1)) as f32;
@@ -253,7 +301,7 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(pixels: &[[i32; 2]], extent: [i32; 2], margin: i32) -> Counts {
+    fn of<'a>(pixels: impl Iterator<Item = &'a [i32; 2]>, extent: [i32; 2], margin: i32) -> Counts {
         let extent = extent.map(|count| count + 2 * margin);
         let [columns, rows] = extent.map(|count| count as usize + 1);
         let mut above_left = vec![0; columns * rows];
@@ -268,6 +316,11 @@ impl Counts {
             }
         }
         Counts { margin, extent, above_left }
+    }
+
+    /// The narrowest of some windows around a pixel that holds enough photons.
+    fn level_of(&self, pixel: [i32; 2], halves_px: [i32; SKETCH_WIDTHS]) -> Option<usize> {
+        halves_px.into_iter().position(|half_px| self.within(pixel, half_px) >= ENOUGH)
     }
 
     /// Photons in a window around a pixel.
@@ -305,14 +358,14 @@ impl FocusedLight for ScreenCaustics {
             }
             let width = (2 * level.half_px + 1) as f32;
             let across_m = width * pixel_m;
+            if !(across_m > ACROSS_MIN_M) {
+                continue;
+            }
             // What shows there lies on the same sheet of the same surface, not behind it: no further than corner to corner.
             let above_end_m = (level.half_px + 1) as f32 * pixel_m / FLATNESS;
             let along_end_m = SQRT_2 * across_m / cos.max(COS_MIN);
             // Of a window that is longer, what is twice as long as that.
             let per_m2 = (cos / across_m).max(0.5 / along_end_m) / across_m;
-            if !per_m2.is_finite() {
-                continue;
-            }
             for placed in in_cell {
                 let [right, down] = [0, 1].map(|axis| (placed.pixel[axis] - pixel[axis]).abs());
                 if right.max(down) > level.half_px {

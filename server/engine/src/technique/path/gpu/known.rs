@@ -4,9 +4,14 @@ use std::sync::{Arc, Weak};
 
 use bytemuck::Zeroable;
 
+use super::sketch::{GpuSketch, SketchOnCard};
+
 use crate::{
     gpu::{BindGroup, Binding, Buffer, GpuError, Layout, Session},
-    technique::{FocusedLight, GpuOctreeHeader, PackedLight, PackedPhotons, PackedRecords, SecondaryLight},
+    technique::{
+        FocusedLight, GpuOctreeHeader, PackedFocused, PackedLight, PackedPhotons, PackedRecords,
+        SecondaryLight,
+    },
 };
 
 /// Lights that stay on the card for whoever asks them next; those that were asked longest ago go first. An octree and records are what the
@@ -121,7 +126,7 @@ fn not_packed(what: &str) -> GpuError {
 pub(super) struct PackedBeside {
     records: Option<PackedRecords>,
     cells: Option<PackedLight>,
-    photons: Option<PackedPhotons>,
+    photons: Option<PackedFocused>,
 }
 
 impl PackedBeside {
@@ -212,11 +217,12 @@ impl RecordsOnCard {
     }
 }
 
-/// Photons, and words that say where they are.
-fn photons_of(session: &Session, packed: &PackedPhotons) -> Result<[Buffer; 2], GpuError> {
+/// Photons, words that say where they are, and of a sketch what says how it is read: zeros of what is none.
+fn photons_of(session: &Session, packed: &PackedPhotons) -> Result<[Buffer; 3], GpuError> {
     Ok([
         session.buffer_of("photons", &packed.photons)?,
         session.buffer_of("words of photons", &packed.words)?,
+        session.buffer_of::<GpuSketch>("no sketch", &[])?,
     ])
 }
 
@@ -233,7 +239,9 @@ struct Light {
 #[derive(Debug)]
 struct Focused {
     light: Name<dyn FocusedLight>,
-    photons: [Buffer; 2],
+    photons: [Buffer; 3],
+    /// A sketch that says too little of its picture is not.
+    is_fit: bool,
 }
 
 /// Light on a card. What was asked last stays there for a while: films take turns.
@@ -245,7 +253,7 @@ pub(super) struct KnownOnCard {
     /// What stands for cells, records and photons where there are none.
     no_cells: Cells,
     no_records: RecordsOnCard,
-    no_photons: [Buffer; 2],
+    no_photons: [Buffer; 3],
     pub(super) layout: Arc<Layout>,
     /// What shaders see.
     pub(super) group: BindGroup,
@@ -263,7 +271,7 @@ impl KnownOnCard {
         let no_photons = photons_of(session, &PackedPhotons { photons: Vec::new(), words: Vec::new() })?;
         // The same for all that is asked: what a shader does not read it may have.
         let [uniform, read] = [Binding::Uniform, Binding::Read];
-        let layout = session.layout(&[uniform, read, read, read, read, read, read, read])?;
+        let layout = session.layout(&[uniform, read, read, read, read, read, read, read, uniform])?;
         let group = bind(session, &layout, &no_cells, &no_records, &no_photons)?;
         Ok(KnownOnCard {
             lights: Vec::new(),
@@ -304,7 +312,7 @@ impl KnownOnCard {
     /// Errors: [`GpuError::LightTooLarge`], then no light is here, and what the card does not do.
     pub(super) fn bring(
         &mut self,
-        session: &Session,
+        session: &Arc<Session>,
         light: LightBeside<'_>,
         packed: &PackedBeside,
     ) -> Result<Shading, GpuError> {
@@ -336,6 +344,11 @@ impl KnownOnCard {
         self.lights.iter().find(|light| light.known.is_as(&self.bound.0))?.records.as_ref()
     }
 
+    /// Whether focused light that is here is fit for its picture.
+    pub(super) fn is_fit(&self, focused: &Arc<dyn FocusedLight>) -> bool {
+        self.focused.iter().any(|own| own.is_fit && own.light.is_of(Some(focused)))
+    }
+
     /// Lets go of all light but that which is there for who asks.
     pub(super) fn forget_others(&mut self) {
         let KnownOnCard { lights, focused, bound, .. } = self;
@@ -364,7 +377,7 @@ impl KnownOnCard {
 
     fn bind_all(
         &mut self,
-        session: &Session,
+        session: &Arc<Session>,
         light: LightBeside<'_>,
         packed: &PackedBeside,
         cells: Option<&Arc<Cells>>,
@@ -427,7 +440,7 @@ impl KnownOnCard {
     /// Its place among the photons, the last.
     fn bring_focused(
         &mut self,
-        session: &Session,
+        session: &Arc<Session>,
         focused: &Arc<dyn FocusedLight>,
         packed: &PackedBeside,
     ) -> Result<usize, GpuError> {
@@ -439,9 +452,15 @@ impl KnownOnCard {
         if self.focused.len() >= FOCUSED_MAX {
             self.focused.remove(0);
         }
-        let packed = packed.photons.as_ref().ok_or_else(|| not_packed("focused light"))?;
-        let photons = photons_of(session, packed)?;
-        self.focused.push(Focused { light: Name::of(Some(focused)), photons });
+        let (photons, is_fit) = match packed.photons.as_ref() {
+            None => return Err(not_packed("focused light")),
+            Some(PackedFocused::Grids(packed)) => (photons_of(session, packed)?, true),
+            Some(PackedFocused::Sketch(packed)) => {
+                let SketchOnCard { buffers, is_fit, .. } = SketchOnCard::new(session, packed)?;
+                (buffers, is_fit)
+            }
+        };
+        self.focused.push(Focused { light: Name::of(Some(focused)), photons, is_fit });
         Ok(self.focused.len() - 1)
     }
 }
@@ -451,7 +470,7 @@ fn bind(
     layout: &Layout,
     cells: &Cells,
     records: &RecordsOnCard,
-    photons: &[Buffer; 2],
+    photons: &[Buffer; 3],
 ) -> Result<BindGroup, GpuError> {
     let buffers: Vec<&Buffer> = cells.buffers.iter().chain(&records.buffers).chain(photons).collect();
     session.bind(layout, &buffers)

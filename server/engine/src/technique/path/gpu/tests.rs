@@ -11,6 +11,7 @@ mod lights;
 mod lookouts;
 mod materials;
 mod photons;
+mod sketches;
 mod splats;
 mod textures;
 

@@ -8,6 +8,7 @@ use super::{
 use crate::{
     scene::samples,
     technique::{
+        PackedFocused,
         caustics::{CausticLight, CausticSettings, CausticSketch, Caustics},
         path::gpu::tests::known_light::ALL_STEPS,
     },
@@ -20,14 +21,17 @@ impl Shot {
         let mut caustics = Caustics::new(CausticSettings { light, ..of });
         assert!(caustics.prepare(&self.world, SHADOWED_PASS, &AtomicBool::new(false)).complete);
         let focused = caustics.map();
-        let count = focused.as_ref().and_then(|map| map.packed()).map_or(0, |packed| packed.photons.len());
+        let Some(PackedFocused::Grids(packed)) = focused.as_ref().and_then(|map| map.packed()) else {
+            panic!("photons of a pass lie in grids");
+        };
+        let count = packed.photons.len();
         assert!(count > 100, "{count} photons");
         Shot { focused, ..self }
     }
 }
 
 /// Rough metal before a mirror and under a lamp: a broad gloss that sees the lamp in the mirror.
-fn brushed() -> Stage {
+pub(super) fn brushed() -> Stage {
     let mut stage = room();
     let metal = Material { metallic: 1.0, roughness: 0.5, ..Material::default() };
     let metal = stage.material("brushed", metal).unwrap();

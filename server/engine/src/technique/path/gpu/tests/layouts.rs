@@ -1,13 +1,14 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
 use lumicast_shaders::{
-    GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT, PATH_SHADE, PATH_SHADE_BY_OCTREE,
-    PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
+    CAUSTICS_PLACE, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT, PATH_SHADE,
+    PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
 };
 
 use super::{
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
+    super::sketch::{CELL_WORDS, GpuSketch, GpuWindows, PLACE_WORDS},
     super::splats::{GpuPicture, GpuSeenPoint},
     gather::{GpuGatherRay, GpuRaySample},
     splats::{SEES_DIFFUSE, SEES_NOTHING, SEES_OTHER},
@@ -48,6 +49,46 @@ fn planes_lie_alike_in_rust_and_wgsl() {
             padding_2,
         }
     );
+}
+
+/// So do sketches of caustics, in what counts them and in what looks them up.
+#[test]
+fn sketches_lie_alike_in_rust_and_wgsl() {
+    for step in [&CAUSTICS_PLACE, &PATH_SHADE] {
+        let source = step.source(PROOF_CONSTANTS);
+        assert_same_layout!(
+            &source,
+            "Sketch",
+            GpuSketch {
+                origin,
+                half_width,
+                right,
+                half_height,
+                up,
+                is_perspective,
+                back,
+                width_count,
+                width,
+                height,
+                margin,
+                photon_count,
+                places_at,
+                cell_count,
+                entries_at,
+                padding_0,
+                windows,
+            }
+        );
+        assert_same_layout!(
+            &source,
+            "Windows",
+            GpuWindows { half_px, cell_log2, columns, weights_at, cells_at, padding_0, padding_1, padding_2 }
+        );
+        let numbers = numbers_of(&source);
+        for (name, value) in [("SKETCH_PLACE_WORDS", PLACE_WORDS), ("SKETCH_CELL_WORDS", CELL_WORDS)] {
+            assert_eq!(numbers[name], f64::from(value), "{name}");
+        }
+    }
 }
 
 /// So do pictures that records are splatted onto.
