@@ -206,7 +206,8 @@ impl SceneOnCard {
             move || {
                 // Drivers may panic in wgpu: that is a failure like others.
                 let made = catch_unwind(AssertUnwindSafe(|| {
-                    Shading::all(has_focused).try_for_each(|shading| scene.make_ready(shading))
+                    Shading::all(has_focused).try_for_each(|shading| scene.make_ready(shading))?;
+                    if has_focused { scene.make_ready_to_sketch() } else { Ok(()) }
                 }));
                 let failed =
                     |_| Err(GpuError::Failed { what: "bringing the scene to the card panicked".into() });

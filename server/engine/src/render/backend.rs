@@ -408,6 +408,16 @@ impl Rendering {
         Some(progress)
     }
 
+    /// Does what is work on the card but no pass.
+    pub(super) fn counted_as_card_work<T>(&mut self, work: impl FnOnce() -> T) -> T {
+        let compiled = |rendering: &Rendering| rendering.gpu.as_ref().map_or(0.0, |gpu| gpu.shader_seconds());
+        let (start, shaders) = (Instant::now(), compiled(self));
+        let done = work();
+        let seconds = start.elapsed().as_secs_f64() - (compiled(self) - shaders);
+        self.looked_up_rays += self.count_gpu_work(0, seconds);
+        done
+    }
+
     fn count_pass(&mut self, progress: &Progress, seconds: f64) -> u64 {
         self.gpu_passes += u64::from(progress.complete);
         self.count_gpu_work(progress.counts.all_rays(), seconds)

@@ -18,6 +18,7 @@ mod learning;
 mod measuring;
 mod remaining;
 mod settings;
+mod sketched;
 #[cfg(test)]
 mod tests;
 
@@ -50,6 +51,7 @@ use chain::{Outlook, Shortfall, Turn};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 use learning::Course;
 use measuring::Measuring;
+use sketched::{Seen, Sketched};
 
 #[cfg(feature = "gpu")]
 pub use backend::BackendTrial;
@@ -103,7 +105,7 @@ pub struct Rendering {
     /// Where light is looked up and the scene has caustics: what makes them.
     caustics: Option<Caustics>,
     /// What stands for them in the first pass.
-    sketch: Option<Arc<CausticSketch>>,
+    sketch: Option<Sketched>,
     /// What path tracing cannot find of its light, for this film as long as nothing is known, and for the path-traced one.
     hidden: [Option<HiddenLight>; 2],
     /// Where the best there is is asked for: the path-traced film beside the one of looked-up light, once it has any sample.
@@ -276,8 +278,8 @@ impl Rendering {
     /// Draws the first pass with a sketch of the caustics instead of waiting for photons of its own, if it
     /// [takes one](Rendering::takes_sketch); the next one replaces them.
     pub fn begin_with(&mut self, sketch: Arc<CausticSketch>) {
-        if self.takes_sketch() {
-            self.sketch = Some(sketch);
+        if self.takes_sketch() && !self.sketch.as_ref().is_some_and(|own| own.is_of(&sketch)) {
+            self.sketch = Some(Sketched::new(sketch));
         }
     }
 
@@ -321,9 +323,9 @@ impl Rendering {
         if withdrawn.is_some() {
             self.film.outdate(&[PathClass::Caustic], Outdated::Wrong);
         }
-        let sketched = self.sketch.as_ref().and_then(|sketch| sketch.seen_by(&self.view));
-        // What a sketch shows is not looked up on a card.
-        let is_sketched = self.caustics.is_some() && sketched.is_some();
+        let Seen { light: sketched, is_on_card } = self.seen_of_sketch().unwrap_or_default();
+        // What the CPU sees of a sketch is not looked up on a card.
+        let is_for_cpu = sketched.is_some() && !is_on_card;
         let (mut products, prepared) = match (&mut self.caustics, sketched) {
             (Some(_), Some(caustics)) => {
                 let seen = Products { caustics: Some(caustics), ..Products::default() };
@@ -339,7 +341,7 @@ impl Rendering {
         if !prepared.complete {
             return prepared;
         }
-        let on_gpu = if is_sketched { None } else { self.draw_on_gpu(&mut products, cancel) };
+        let on_gpu = if is_for_cpu { None } else { self.draw_on_gpu(&mut products, cancel) };
         let progress = on_gpu.unwrap_or_else(|| {
             let of = (&*self.world, &self.view);
             let progress = step_on(&mut self.technique, of, &mut self.film, &mut products, cancel);

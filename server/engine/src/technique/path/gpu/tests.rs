@@ -2,6 +2,7 @@
 
 mod behaviour;
 mod cameras;
+mod first_pictures;
 mod focused;
 mod gathering;
 mod known_light;
