@@ -14,7 +14,7 @@ use lumicast_engine::{
     render::{Illumination, IlluminationSettings, Indirect, RenderSettings, Stage},
     technique::{
         ArrivingLight, Canvas, Counts, FocusedLight, Products, SecondaryLight, Step, Technique,
-        caustics::{CausticSettings, Caustics},
+        caustics::{CausticSettings, CausticSketch, Caustics},
         irradiance::{IrradianceCaching, IrradianceSettings, Visits},
         path::{
             ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathSettings, PathTracer, View,
@@ -90,6 +90,12 @@ pub(crate) fn measure(
         let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
         let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &focused, rounds)?;
         push_milliseconds(figures, "pass that asks the octree, and photons for caustics", &on_card, &on_cpu);
+        let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
+        if let Some(sketched) = drawing.sketch(&scene, rounds, figures)? {
+            let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &Some(sketched), rounds)?;
+            let name = "pass that asks the octree, and a sketch for caustics";
+            push_milliseconds(figures, name, &on_card, &on_cpu);
+        }
     }
     let records = drawing.records(&known);
     let start = Instant::now();
@@ -249,6 +255,35 @@ impl Drawing<'_> {
         let mut caustics = Caustics::new(CausticSettings::of(self.size.pixel_count(), None, 0));
         caustics.prepare(&self.subject.world, 0, &AtomicBool::new(false));
         caustics.map()
+    }
+
+    /// What the view sees of a sketch of caustics, counted on the card and on the CPU, which take turns; `None` where no card takes it.
+    fn sketch(
+        &self,
+        scene: &Arc<GpuScene>,
+        rounds: usize,
+        figures: &mut SceneFigures<'_>,
+    ) -> Result<Focused, Box<dyn Error>> {
+        let sketch = Arc::new(CausticSketch::of(&self.subject.world, &CausticSettings::for_sketch(None, 0)));
+        let mut seen = None;
+        let (mut on_card, mut on_cpu) = (Vec::new(), Vec::new());
+        // The first compiles what counts it.
+        for round in 0..=rounds {
+            let Some(light) = sketch.for_card(&self.view) else { return Ok(None) };
+            let start = Instant::now();
+            scene.is_fit(&light)?;
+            let of_card = start.elapsed().as_secs_f64();
+            let start = Instant::now();
+            sketch.seen_by(&self.view);
+            if round > 0 {
+                on_card.push(1e3 * of_card);
+                on_cpu.push(1e3 * start.elapsed().as_secs_f64());
+            }
+            seen = Some(light);
+        }
+        let figure = Figure::new("sketch of caustics: counted", Unit::Milliseconds, median(on_card));
+        figures.push(Figure { cpu: Some(median(on_cpu)), ..figure });
+        Ok(seen)
     }
 
     /// As many records of what the view sees as [`RECORDS`], about, gathered once each.
