@@ -29,6 +29,13 @@ pub struct View {
 }
 
 impl View {
+    /// Its eye lies nearer than so far from the origin along each axis of render space, and at distance 1 (perspective) or at any it sees
+    /// less than that, m.
+    pub(crate) fn is_within(&self, far_m: f32) -> bool {
+        let mut along = self.origin.to_array().into_iter().chain(self.half_size);
+        along.all(|along| along.abs() < far_m)
+    }
+
     /// The camera as `world` sees it. The vertical field of view is kept, the width follows from the picture's aspect.
     pub fn new(world: &World, view: &CameraView, size: PictureSize) -> View {
         let axes = view.world_from_camera.matrix3;

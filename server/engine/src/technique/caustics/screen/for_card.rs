@@ -10,8 +10,8 @@ use std::sync::{Arc, OnceLock};
 use glam::Vec3;
 
 use super::{
-    super::upload, CausticSketch, Chosen, SPARSE_SHARE, ScreenCaustics, cell_log2_of, halves_px, places_of,
-    weights_of,
+    super::upload, CausticSketch, Chosen, FAR_M, SPARSE_SHARE, ScreenCaustics, cell_log2_of, halves_px,
+    places_of, weights_of,
 };
 use crate::{
     technique::{
@@ -20,15 +20,16 @@ use crate::{
     transport::Surface,
 };
 
-/// Photons of a sketch that a card takes: all may lie in one pixel, and Mesa's driver on the CPU ends the loops of an invocation after 65,535
-/// rounds. Three times as many as are sent out: more are kept only where light is hardly ever lost.
-const PHOTONS_MAX: usize = 1 << 15;
+/// Photons of a sketch that a card takes: Mesa's driver on the CPU ends the loops of an invocation after 65,535 rounds, and one cell may
+/// have all of them as entries, though each only once. Three times as many as are sent out: more are kept only where light is hardly ever
+/// lost.
+pub(super) const PHOTONS_MAX: usize = 1 << 15;
 
 impl CausticSketch {
-    /// [`CausticSketch::seen_by`] to be found out by a card; `None` where it is more than one takes. Whether the camera sees enough of them
-    /// only the card knows then.
+    /// [`CausticSketch::seen_by`] to be found out by a card; `None` where it is more than one takes, or a camera so far away or so wide that
+    /// floats may end. Whether the camera sees enough of them only the card knows then.
     pub fn for_card(self: &Arc<CausticSketch>, view: &View) -> Option<Arc<dyn FocusedLight>> {
-        let is_taken = self.photons.len() <= PHOTONS_MAX;
+        let is_taken = self.photons.len() <= PHOTONS_MAX && view.is_within(FAR_M);
         is_taken.then(|| {
             Arc::new(ForCard { sketch: Arc::clone(self), view: *view, on_cpu: OnceLock::new() }) as _
         })

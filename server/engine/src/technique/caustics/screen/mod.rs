@@ -29,7 +29,7 @@ use super::{
     map::{FLATNESS, Lit},
 };
 use crate::{
-    technique::{FocusedLight, FocusedScatter, SKETCH_WIDTHS, View},
+    technique::{FocusedLight, FocusedScatter, GpuPhoton, SKETCH_WIDTHS, View},
     transport::{Surface, World},
 };
 
@@ -47,6 +47,11 @@ const TILE_LOG2: u32 = 3;
 const CELL_LOG2_MIN: u32 = 2;
 /// Memory for every pixel of a picture, at most: what counts photons in windows.
 const BYTES_PER_PIXEL: usize = 5;
+/// The same for every photon: the sketch, which a picture keeps until its first pass is drawn, and what is packed of it for a card.
+const BYTES_PER_PHOTON: usize = size_of::<CausticPhoton>() + size_of::<GpuPhoton>();
+/// Photons so far from the origin of render space are dropped, m: a thousand times as far as scenes reach, and near enough for squares of
+/// what lies between them to be numbers on whatever card.
+const FAR_M: f32 = 1e12;
 /// Share of the flux in windows that hold few photons, in a picture of which photons on the screen are no fit estimate: seen from
 /// near, one would stand alone.
 const SPARSE_SHARE: f32 = 0.5;
@@ -71,6 +76,7 @@ impl CausticSketch {
     pub fn of(world: &World, settings: &CausticSettings) -> CausticSketch {
         let start = Instant::now();
         let (photons, traced) = super::first_pass(world, settings);
+        let photons = near(photons);
         let report = CausticReport {
             seconds: start.elapsed().as_secs_f64(),
             photons_emitted: traced.photons,
@@ -85,9 +91,9 @@ impl CausticSketch {
         self.rays
     }
 
-    /// Memory of a picture of so many pixels that is drawn with one, at most, without that of the sketch.
+    /// Memory of a picture of so many pixels that is drawn with one of as many photons as a card takes.
     pub fn bytes_max(pixel_count: usize) -> usize {
-        pixel_count * BYTES_PER_PIXEL
+        pixel_count * BYTES_PER_PIXEL + for_card::PHOTONS_MAX * BYTES_PER_PHOTON
     }
 
     /// What it took and holds.
@@ -103,6 +109,12 @@ impl CausticSketch {
             Arc::new(ScreenCaustics::of(&self.photons, &chosen, levels, view)) as _
         })
     }
+}
+
+/// Photons that lie nearer than [`FAR_M`] along each axis.
+fn near(mut photons: Vec<CausticPhoton>) -> Vec<CausticPhoton> {
+    photons.retain(|photon| photon.position.to_array().iter().all(|along| along.abs() < FAR_M));
+    photons
 }
 
 /// Photons in their pixels.

@@ -2,13 +2,14 @@
 //!
 //! Steps (`shaders/caustics`): `place` finds the pixel of each photon and counts it there, `sum_rows` adds up along rows, `choose` gives each
 //! photon the narrowest window that holds enough of them and counts it in the cells that it reaches into, `allot` gives cells room, `fill` puts
-//! photons there, `order` sorts them. Which photon shows in which pixel is a matter of rounding; all else is counted, and the CPU's to the
-//! last one. Paths that are shaded then ask one cell for each width (`look_up.wgsl`), in the CPU's order.
+//! photons there, `order` sorts them, an entry an invocation. Which photon shows in which pixel is a matter of rounding; all else is counted,
+//! and the CPU's to the last one. Paths that are shaded then ask one cell for each width (`look_up.wgsl`), in the CPU's order.
 //!
 //! The windows come back, 4 bytes a photon: by them it is judged whether the sketch is fit for that camera, as on the CPU.
 //!
 //! Memory, all within the session's bounds: 72 bytes a photon and 4 for each of the cells, 25 at most, that a window may reach into; some 2 bytes a
-//! pixel. While it is counted 4 bytes more a photon, cell and pixel.
+//! pixel. While it is counted 4 bytes more a photon, entry of a cell and pixel. What is drawn without a sketch has 256 bytes of zeros in
+//! its place, and no step of these is compiled for it.
 
 use std::sync::Arc;
 
@@ -198,7 +199,8 @@ impl SketchOnCard {
         let unsorted = session.buffer_zeroed("photons in cells", WORD_BYTES * plan.entries_max)?;
         let group = session.bind(&layout, &[&header, &photons, &words, &rows, &chosen, &unsorted])?;
         let cell_count = u64::from(plan.header.cell_count);
-        let counts = [photon_count, plan.row_count(), photon_count, cell_count, photon_count, photon_count];
+        let counts =
+            [photon_count, plan.row_count(), photon_count, cell_count, photon_count, plan.entries_max];
         let mut batch = session.batch("sketch of caustics")?;
         for (step, count) in steps.iter().zip(counts) {
             batch.dispatch(step, &[&group], step.workgroups(count))?;

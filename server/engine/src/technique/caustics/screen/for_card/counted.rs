@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::*;
+use super::{super::near, *};
 use crate::technique::{
     SHOWN_NOWHERE,
     caustics::{CausticPhoton, CausticReport, screen},
@@ -21,7 +21,7 @@ pub(crate) struct Counted {
 impl CausticSketch {
     /// Of photons that were followed by nobody.
     pub(crate) fn of_photons(photons: Vec<CausticPhoton>) -> CausticSketch {
-        CausticSketch { photons: photons.into(), report: CausticReport::default(), rays: 0 }
+        CausticSketch { photons: near(photons).into(), report: CausticReport::default(), rays: 0 }
     }
 
     pub(crate) fn photons(&self) -> &[CausticPhoton] {
