@@ -82,6 +82,12 @@ impl Session {
         Ok(pipeline)
     }
 
+    /// Names of the steps that were compiled.
+    #[cfg(test)]
+    pub(crate) fn compiled(&self) -> Vec<&'static str> {
+        locked(&self.pipelines).keys().map(|(step, ..)| *step).collect()
+    }
+
     fn compile(
         &self,
         step: &Step,

@@ -429,10 +429,20 @@ impl Rendering {
         let rays = gpu.rays_in(seconds);
         self.surplus_rays += rays as i64 - rays_on_card as i64;
         if let Some(error) = gpu.failure() {
-            self.gpu_failure = Some(error);
-            self.leave_gpu();
+            self.give_gpu_up(error);
         }
         rays
+    }
+
+    /// Goes on by the CPU, and says why.
+    pub(super) fn give_gpu_up(&mut self, error: GpuError) {
+        self.gpu_failure = Some(error);
+        self.leave_gpu();
+    }
+
+    /// It is drawn on a card that has not refused a sketch of caustics.
+    pub(super) fn sketches_on_gpu(&self) -> bool {
+        self.gpu.as_ref().is_some_and(|gpu| !gpu.drawing.refuses_sketches())
     }
 }
 

@@ -348,6 +348,11 @@ impl Rendering {
             self.looked_up_rays += progress.counts.all_rays();
             progress
         });
+        if progress.complete
+            && let Some(sketch) = &mut self.sketch
+        {
+            sketch.end();
+        }
         Progress { counts: prepared.counts + progress.counts, ..progress }
     }
 

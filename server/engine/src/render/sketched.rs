@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use super::Rendering;
+#[cfg(feature = "gpu")]
+use crate::gpu::GpuError;
 use crate::technique::{FocusedLight, caustics::CausticSketch};
 
 /// A sketch, and what the picture's camera sees of it once that was asked.
@@ -30,15 +32,20 @@ impl Sketched {
     pub(super) fn is_of(&self, sketch: &Arc<CausticSketch>) -> bool {
         Arc::ptr_eq(&self.sketch, sketch)
     }
+
+    /// The first pass is drawn: what was seen is not needed any more.
+    pub(super) fn end(&mut self) {
+        self.seen = None;
+    }
 }
 
 impl Rendering {
     /// What its camera sees of the sketch, if it has one and shows it.
     pub(super) fn seen_of_sketch(&mut self) -> Option<Seen> {
         self.caustics.as_ref()?;
-        let is_on_gpu = self.has_card();
+        let is_by_card = self.sketches_on_gpu();
         let Sketched { sketch, seen } = self.sketch.as_ref()?;
-        if let Some(seen) = seen.as_ref().filter(|seen| is_on_gpu || !seen.is_on_card) {
+        if let Some(seen) = seen.as_ref().filter(|seen| is_by_card || !seen.is_on_card) {
             return Some(seen.clone());
         }
         let sketch = Arc::clone(sketch);
@@ -50,7 +57,7 @@ impl Rendering {
     }
 
     #[cfg(not(feature = "gpu"))]
-    fn has_card(&self) -> bool {
+    fn sketches_on_gpu(&self) -> bool {
         false
     }
 
@@ -62,16 +69,18 @@ impl Rendering {
 
 #[cfg(feature = "gpu")]
 impl Rendering {
-    fn has_card(&self) -> bool {
-        self.is_on_gpu()
-    }
-
-    /// What a card finds that its camera sees; `None` where none draws, or this one cannot: then the CPU finds it out, and the card draws
-    /// what comes after the first pass.
+    /// What a card finds that its camera sees; `None` where none draws, or this one has no room: then the CPU finds it out, and the card
+    /// draws what comes after the first pass. One that fails at it is given up, as by drawing.
     fn seen_by_card(&mut self, sketch: &Arc<CausticSketch>) -> Option<Seen> {
-        let scene = Arc::clone(self.gpu_scene()?);
+        let scene = Arc::clone(self.gpu_scene().filter(|_| self.sketches_on_gpu())?);
         let light = sketch.for_card(&self.view)?;
-        let is_fit = self.counted_as_card_work(|| scene.is_fit(&light)).ok()?;
-        Some(Seen { light: is_fit.then_some(light), is_on_card: true })
+        match self.counted_as_card_work(|| scene.is_fit(&light)) {
+            Ok(is_fit) => Some(Seen { light: is_fit.then_some(light), is_on_card: true }),
+            Err(GpuError::LightTooLarge { .. } | GpuError::OutOfMemory { .. }) => None,
+            Err(error) => {
+                self.give_gpu_up(error);
+                None
+            }
+        }
     }
 }

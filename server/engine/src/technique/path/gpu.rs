@@ -176,6 +176,8 @@ pub struct GpuPathTracer {
     samples: Vec<GpuPixelSample>,
     /// Paths of the next slice.
     slice: u32,
+    /// A sketch of caustics had no room beside what it drew with.
+    refuses_sketches: bool,
     failure: Option<GpuError>,
 }
 
@@ -192,6 +194,7 @@ impl GpuPathTracer {
             begun: None,
             samples: Vec::new(),
             slice: SLICE_MIN,
+            refuses_sketches: false,
             failure: None,
         }
     }
@@ -209,6 +212,11 @@ impl GpuPathTracer {
     /// Why it draws nothing more.
     pub fn failure(&self) -> Option<&GpuError> {
         self.failure.as_ref()
+    }
+
+    /// A sketch of caustics had no room: the CPU is to draw the pass that shows it, of which nothing is kept here. That is no failure.
+    pub fn refuses_sketches(&self) -> bool {
+        self.refuses_sketches
     }
 
     /// The scene that it draws.
@@ -397,6 +405,12 @@ impl Technique for GpuPathTracer {
             Ok(progress) => progress,
             // The next step opens another device and uploads again.
             Err(GpuError::Lost) if self.scene.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => {
+                Progress::default()
+            }
+            Err(GpuError::LightTooLarge { .. })
+                if step.products.caustics.as_ref().is_some_and(|light| light.is_sketch()) =>
+            {
+                (self.refuses_sketches, self.begun) = (true, None);
                 Progress::default()
             }
             Err(error) => {

@@ -206,6 +206,11 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     fn packed(&self) -> Option<PackedFocused> {
         None
     }
+
+    /// It stands for photons of its own in a picture's first pass, and where a card has no room for it the CPU draws that.
+    fn is_sketch(&self) -> bool {
+        false
+    }
 }
 
 /// A ray that light is gathered along.

@@ -76,4 +76,8 @@ impl FocusedLight for ForCard {
         let packed = PackedSketch { photons, view, windows, sparse_share };
         Some(PackedFocused::Sketch(Box::new(packed)))
     }
+
+    fn is_sketch(&self) -> bool {
+        true
+    }
 }

@@ -392,4 +392,8 @@ impl FocusedLight for ScreenCaustics {
         }
         lit.scatter()
     }
+
+    fn is_sketch(&self) -> bool {
+        true
+    }
 }

@@ -73,9 +73,14 @@ pub(super) struct LightBeside<'a> {
     pub(super) focused: Option<&'a Arc<dyn FocusedLight>>,
 }
 
-impl LightBeside<'_> {
+impl<'a> LightBeside<'a> {
     pub(super) fn is_any(self) -> bool {
         self.known.is_some() || self.focused.is_some()
+    }
+
+    /// The focused light, where it is a sketch.
+    pub(super) fn sketch(self) -> Option<&'a Arc<dyn FocusedLight>> {
+        self.focused.filter(|focused| focused.is_sketch())
     }
 }
 
@@ -305,11 +310,11 @@ impl KnownOnCard {
     }
 
     /// Brings light to the card as far as it is not there, and says what shades by it. Where there is no room, all other light goes
-    /// first; what nobody has any more goes in any case.
+    /// first, for a sketch that of other passes alone; what nobody has any more goes in any case.
     ///
     /// - `packed`: what was [lacking](KnownOnCard::lacking)
     ///
-    /// Errors: [`GpuError::LightTooLarge`], then no light is here, and what the card does not do.
+    /// Errors: [`GpuError::LightTooLarge`], then that light [is not here](KnownOnCard::too_large), and what the card does not do.
     pub(super) fn bring(
         &mut self,
         session: &Arc<Session>,
@@ -322,11 +327,13 @@ impl KnownOnCard {
             let cells = self.cells_of(light.known.and_then(cells_asked)).cloned();
             match self.bind_all(session, light, packed, cells.as_ref()) {
                 Err(GpuError::OutOfMemory { .. }) => {
-                    self.lights.retain(|own| own.known.is_of(light.known));
+                    if light.sketch().is_none() {
+                        self.lights.retain(|own| own.known.is_of(light.known));
+                    }
                     self.focused.retain(|own| own.light.is_of(light.focused));
                     match self.bind_all(session, light, packed, cells.as_ref()) {
                         Err(error @ GpuError::OutOfMemory { .. }) => {
-                            return Err(self.too_large(session, error)?);
+                            return Err(self.too_large(session, light, error)?);
                         }
                         done => done?,
                     }
@@ -344,9 +351,33 @@ impl KnownOnCard {
         self.lights.iter().find(|light| light.known.is_as(&self.bound.0))?.records.as_ref()
     }
 
-    /// Whether focused light that is here is fit for its picture.
-    pub(super) fn is_fit(&self, focused: &Arc<dyn FocusedLight>) -> bool {
-        self.focused.iter().any(|own| own.is_fit && own.light.is_of(Some(focused)))
+    /// Counts a sketch as far as it is not here, before paths ask it, and says whether it is fit for its picture. Where there is no room,
+    /// light of other passes goes first, and nothing else.
+    ///
+    /// - `packed`: what was [lacking](KnownOnCard::lacking)
+    ///
+    /// Errors: [`GpuError::LightTooLarge`], and what the card does not do.
+    pub(super) fn count(
+        &mut self,
+        session: &Arc<Session>,
+        sketch: &Arc<dyn FocusedLight>,
+        packed: &PackedBeside,
+    ) -> Result<bool, GpuError> {
+        // As in `bring`: what the group holds cannot go.
+        self.unbind(session)?;
+        self.focused.retain(|own| !own.light.is_gone());
+        let mut place = self.bring_focused(session, sketch, packed);
+        if matches!(place, Err(GpuError::OutOfMemory { .. })) {
+            self.focused.clear();
+            place = self.bring_focused(session, sketch, packed);
+        }
+        match place {
+            Ok(place) => Ok(self.focused.get(place).is_some_and(|own| own.is_fit)),
+            Err(error @ GpuError::OutOfMemory { .. }) => {
+                Err(GpuError::LightTooLarge { source: Box::new(error) })
+            }
+            Err(error) => Err(error),
+        }
     }
 
     /// Lets go of all light but that which is there for who asks.
@@ -363,9 +394,27 @@ impl KnownOnCard {
         self.unbind(session)
     }
 
-    /// Lets go of all light, and says that it has no room.
-    pub(super) fn too_large(&mut self, session: &Session, error: GpuError) -> Result<GpuError, GpuError> {
-        self.forget(session)?;
+    /// Lets go of what mirrors and glass focus, which is of one pass.
+    pub(super) fn forget_focused(&mut self, session: &Session) -> Result<(), GpuError> {
+        self.focused.clear();
+        self.unbind(session)
+    }
+
+    /// Lets go of light that has no room, and says so: of a sketch alone where there is one, since the CPU draws its one pass, and of
+    /// all light else.
+    pub(super) fn too_large(
+        &mut self,
+        session: &Session,
+        light: LightBeside<'_>,
+        error: GpuError,
+    ) -> Result<GpuError, GpuError> {
+        match light.sketch() {
+            Some(sketch) => {
+                self.focused.retain(|own| !own.light.is_of(Some(sketch)));
+                self.unbind(session)?;
+            }
+            None => self.forget(session)?,
+        }
         Ok(GpuError::LightTooLarge { source: Box::new(error) })
     }
 

@@ -170,15 +170,15 @@ impl Ready {
         })
     }
 
-    /// Has places for so many paths of a slice. Where there is no room for them, all light goes first.
+    /// Has places for so many paths of a slice. Where there is no room for them, light of single passes goes first, then all.
     fn make_room(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
-        match self.add_places(from, capacity) {
-            Err(GpuError::OutOfMemory { .. }) => {
-                self.known.forget(&self.session)?;
-                self.add_places(from, capacity)
+        for forget in [KnownOnCard::forget_focused, KnownOnCard::forget] {
+            match self.add_places(from, capacity) {
+                Err(GpuError::OutOfMemory { .. }) => forget(&mut self.known, &self.session)?,
+                done => return done,
             }
-            done => done,
         }
+        self.add_places(from, capacity)
     }
 
     fn add_places(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
@@ -336,7 +336,7 @@ impl GpuScene {
             match traced {
                 // With less light there is room for what paths bring.
                 Err(error @ GpuError::OutOfMemory { .. }) if light.is_any() => {
-                    Err(ready.known.too_large(&ready.session, error)?)
+                    Err(ready.known.too_large(&ready.session, light, error)?)
                 }
                 traced => traced,
             }

@@ -9,7 +9,7 @@
 //!
 //! Memory, all within the session's bounds: 72 bytes a photon and 4 for each of the cells, 25 at most, that a window may reach into; some 2 bytes a
 //! pixel. While it is counted 4 bytes more a photon, entry of a cell and pixel. What is drawn without a sketch has 256 bytes of zeros in
-//! its place, and no step of these is compiled for it.
+//! its place; for a scene without caustics none of these steps is compiled.
 
 use std::sync::Arc;
 
@@ -223,16 +223,17 @@ impl GpuScene {
     ///
     /// - `sketch`: of a picture
     ///
-    /// Errors: what the card does not do; [`GpuError::LightTooLarge`] where it has no room.
+    /// Errors: what the card does not do; [`GpuError::LightTooLarge`] where the sketch has no room beside what others look up, which stays,
+    /// and [`GpuError::OutOfMemory`] where the scene has none.
     pub fn is_fit(&self, sketch: &Arc<dyn FocusedLight>) -> Result<bool, GpuError> {
         let light = LightBeside { known: None, focused: Some(sketch) };
-        self.through_losses(|| {
+        self.through_counted_losses(|| {
             let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
             self.run(&mut held, |ready| {
                 let compiled = ready.session.shader_seconds();
-                ready.known.bring(&ready.session, light, &packed)?;
+                let is_fit = ready.known.count(&ready.session, sketch, &packed)?;
                 ready.shader_seconds += ready.session.shader_seconds() - compiled;
-                Ok(ready.known.is_fit(sketch))
+                Ok(is_fit)
             })
         })
     }

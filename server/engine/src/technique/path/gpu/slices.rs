@@ -112,18 +112,21 @@ impl GpuScene {
     }
 
     /// Does a piece of work as often as devices are lost under it, within reason.
-    pub(super) fn through_losses<T>(
+    pub(super) fn through_losses<T>(&self, work: impl FnMut() -> Result<T, GpuError>) -> Result<T, GpuError> {
+        let done = self.through_counted_losses(work)?;
+        self.losses.store(0, Ordering::Relaxed);
+        Ok(done)
+    }
+
+    /// The same for what is so little that a card which does it may still fail at passes: losses before it count on.
+    pub(super) fn through_counted_losses<T>(
         &self,
         mut work: impl FnMut() -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         loop {
             match work() {
-                Ok(done) => {
-                    self.losses.store(0, Ordering::Relaxed);
-                    return Ok(done);
-                }
                 Err(GpuError::Lost) if self.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => {}
-                Err(error) => return Err(error),
+                done => return done,
             }
         }
     }

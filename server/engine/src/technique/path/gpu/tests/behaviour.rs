@@ -11,7 +11,7 @@ use crate::{
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
     render::{Indirect, RenderSettings, Rendering},
     scene::samples,
-    technique::caustics::CausticLight,
+    technique::caustics::{CausticLight, CausticSettings, CausticSketch},
 };
 
 fn cornell() -> Shot {
@@ -22,6 +22,16 @@ fn cornell() -> Shot {
 fn cornells() -> [Shot; 2] {
     let by_records = with_records(samples::cornell_box().unwrap(), ALL_STEPS, true);
     [cornell(), Shot { size: size(48, 40), ..by_records.focused(CausticLight::All) }]
+}
+
+/// These, and by records and a sketch.
+fn with_sketch() -> [Shot; 3] {
+    let [traced, by_records] = cornells();
+    let sketch = Arc::new(CausticSketch::of(&by_records.world, &CausticSettings::for_sketch(None, 3)));
+    let seen = sketch.for_card(&View::new(&by_records.world, &by_records.camera, by_records.size));
+    assert!(seen.is_some());
+    let sketched = Shot { focused: seen, ..by_records.clone() };
+    [traced, by_records, sketched]
 }
 
 /// However a pass is cut into slices, it brings the same bytes.
@@ -43,7 +53,7 @@ fn slices_of_any_size_bring_the_same_bytes() {
 #[test]
 fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
     let Some(gpu) = shared() else { return };
-    for shot in cornells() {
+    for shot in with_sketch() {
         let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
         let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 2);
         let mut tracer = shot.tracer(&scene);
@@ -59,7 +69,9 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
             assert_eq!((traced, running.begun.taken, running.traced()), (Progress::default(), kept, kept));
             tracer.begun = Some(running.begun);
             assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
-            assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, kept));
+            let begun = tracer.begun.as_ref().unwrap();
+            assert_eq!((film.passes_max(), begun.taken), (0, kept));
+            assert!(known::is_same(begun.focused.as_ref(), shot.focused.as_ref()), "the same light");
         }
         let progress = step(&mut tracer, &shot, &mut film, false);
         assert!(progress.complete && tracer.begun.is_none());
@@ -112,7 +124,7 @@ fn slices_of_another_picture_are_thrown_away() {
 #[test]
 fn lost_devices_change_no_bit_of_the_picture() {
     let Some(gpu) = open().map(Arc::new) else { return };
-    for shot in cornells() {
+    for shot in with_sketch() {
         let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
         let undisturbed = film_by(&mut shot.tracer(&scene), &shot, 3);
         let mut tracer = shot.tracer(&scene);
