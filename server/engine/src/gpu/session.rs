@@ -7,7 +7,7 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use super::{
@@ -26,6 +26,8 @@ const BYTES_MAX: u64 = 2 << 30;
 /// Seconds to wait for one submission, where options say nothing else: systems reset a card that is silent for two to ten
 /// seconds, and software drivers take longer for a pass than a card, so that a minute means it hangs.
 const SECONDS_MAX: f64 = 60.0;
+/// How long the news of a device that is gone may be under way in another thread.
+const NEWS_TAKE_AT_MOST: Duration = Duration::from_millis(100);
 
 /// What a [`Gpu`] may take.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -221,7 +223,16 @@ impl Session {
                 // The news of a device that is gone come when it has no work left; what refuses is looked at once, and can wait.
                 let _ =
                     self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.wait_max) });
-                Err(self.loss_or(error_of(error)))
+                // Another thread that looks at the device may have them, and be about to tell.
+                let asked = Instant::now();
+                let mut error = self.loss_or(error_of(error));
+                let is_open =
+                    |error: &GpuError| !matches!(error, GpuError::Lost | GpuError::OutOfMemory { .. });
+                while is_open(&error) && asked.elapsed() < NEWS_TAKE_AT_MOST {
+                    std::thread::yield_now();
+                    error = self.loss_or(error);
+                }
+                Err(error)
             }
         }
     }
