@@ -16,6 +16,7 @@ mod limits;
 mod material;
 mod mesh;
 mod mesh_check;
+mod nested;
 mod node;
 pub mod samples;
 #[cfg(test)]
@@ -38,6 +39,7 @@ pub use light::{Environment, Light, LightKind};
 pub use limits::SceneLimits;
 pub use material::{Material, TextureSlot};
 pub use mesh::{Mesh, MeshSource, Primitive};
+pub use nested::NestedBounds;
 pub use node::Node;
 pub use texture::{Encoding, Filter, Texels, Texture, TextureRef, Wrap, linear_from_srgb};
 
@@ -132,12 +134,16 @@ impl Scene {
 
     /// Bounds of everything that has surface, in the world; `None` for a scene without surface.
     pub fn bounds(&self) -> Option<Aabb> {
-        let mut bounds = Aabb::EMPTY;
-        for (id, node) in &self.nodes {
-            let Some(mesh) = node.mesh.as_ref().and_then(|mesh| self.meshes.get(mesh)) else { continue };
-            bounds = bounds.union(&mesh.bounds().transformed(&self.world_from_node(Some(id))));
-        }
+        let bounds = self.node_bounds().fold(Aabb::EMPTY, |all, bounds| all.union(&bounds));
         (!bounds.is_empty()).then_some(bounds)
+    }
+
+    /// Bounds of each node that has surface, in the world.
+    pub fn node_bounds(&self) -> impl Iterator<Item = Aabb> {
+        self.nodes.iter().filter_map(|(id, node)| {
+            let mesh = node.mesh.as_ref().and_then(|mesh| self.meshes.get(mesh))?;
+            Some(mesh.bounds().transformed(&self.world_from_node(Some(id))))
+        })
     }
 
     /// The view of the camera called `name`, or of the first camera for `None`.

@@ -23,6 +23,8 @@ const FULL_YIELD: f64 = 0.25;
 const HALVINGS_MAX: u32 = 2;
 /// Photons besides the pilots that a thinned out stratum keeps at least.
 const OTHERS_MIN: u32 = 64;
+/// Pilots by which it is judged what those of a stratum carry.
+const AIMED: u32 = 8;
 /// Squared weights and rays that are added to those of the pilots: of none that was found some may be there.
 const PRIOR: [f64; 2] = [0.5, 2.0];
 
@@ -87,12 +89,22 @@ impl SourcePhotons {
         self.strata.len() > 1
     }
 
+    /// Mean of [`crate::transport::Source::share_by_aim`] over a stratum, about.
+    fn share_by_aim(&self, stratum: u32) -> f32 {
+        let strata = self.strata.len() as u32;
+        let of = |rank| self.source.share_by_aim(&self.sequence.emission(rank * strata + stratum));
+        (0..AIMED).map(of).sum::<f32>() / AIMED as f32
+    }
+
     /// How often the photons of a stratum are to be halved by what its pilots met.
     fn halvings_wanted(&self, stratum: u32) -> u32 {
         let Some(pilots) = self.strata[stratum as usize].first() else { return 0 };
         let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
         let square = |hit: &PhotonHit| f64::from(hit.weight.luminance()).powi(2);
-        let mapped = pilots.hits.iter().filter(is_mapped).map(square).sum::<f64>();
+        // Where more are aimed at each carries less, and is worth no less to what is there.
+        let carried = f64::from(self.share_by_aim(stratum));
+        let squares = pilots.hits.iter().filter(is_mapped).map(square).sum::<f64>();
+        let mapped = squares / (carried * carried).max(f64::MIN_POSITIVE);
         let escaped = pilots.paths.iter().filter_map(PhotonPath::escape).count();
         let rays = (pilots.hits.len() + escaped) as f64;
         let found = (mapped + PRIOR[0]) / (rays + PRIOR[1]);

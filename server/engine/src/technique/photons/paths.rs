@@ -365,6 +365,11 @@ impl PhotonPaths {
         &mut self.sources[name.source as usize].strata[name.stratum as usize][name.place as usize]
     }
 
+    /// Photons of some light are aimed at things on wide ground.
+    pub fn is_aimed(&self) -> bool {
+        self.sources.iter().any(|photons| photons.source.is_aimed())
+    }
+
     /// Lights that photons come from.
     pub fn sources_count(&self) -> usize {
         self.sources.len()

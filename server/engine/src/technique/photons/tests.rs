@@ -165,6 +165,46 @@ fn lights_send_their_flux() {
     }
 }
 
+/// Where wide ground lies around things most photons of sun and sky are aimed at these, and each place gets as much flux as if none were.
+#[test]
+fn photons_aimed_at_things_bring_each_place_its_flux() {
+    let v = DVec3::new;
+    let under = |light: &dyn Fn(&mut Stage)| {
+        let mut stage = Stage::default();
+        let black = stage.material("black", Material::lambert(Rgb::BLACK)).unwrap();
+        let corners = [v(-50., 0., 50.), v(50., 0., 50.), v(50., 0., -50.), v(-50., 0., -50.)];
+        stage.place("ground", samples::quad(corners, &black), DAffine3::IDENTITY).unwrap();
+        let plate = samples::cuboid(v(29., 0.01, 9.), v(31., 0.02, 11.), &black);
+        stage.place("plate", plate, DAffine3::IDENTITY).unwrap();
+        light(&mut stage);
+        stage.finish()
+    };
+    let sun = under(&|stage| punctual(LightKind::Directional { irradiance: Rgb::splat(3.0) })(stage));
+    let sky =
+        under(&|stage| stage.builder().set_environment(Environment::Constant(Rgb::splat(2.0))).unwrap());
+    for (name, scene, expected) in [("sun", sun, 3.0 * 0.8), ("sky", sky, 2.0 * PI)] {
+        let origin = World::prepare(Arc::new(scene.clone())).accel().origin_in_world();
+        let tracing = traced(scene, emitting(1_600_000));
+        // Squares around the plate, on it first, and on what is left: flux and photons over area.
+        let mut found = [[0.0f64; 2]; 5];
+        for (hit, flux) in tracing.paths().hits().filter(|(hit, _)| hit.is_on_front()) {
+            let away = (hit.position.as_dvec3() + origin - v(30.0, 0.0, 10.0)).abs();
+            let ring = [1.0, 3.0, 8.0, 20.0].iter().position(|half_m| away.x.max(away.z) <= *half_m);
+            found[ring.unwrap_or(4)][0] += f64::from(flux.luminance());
+            found[ring.unwrap_or(4)][1] += 1.0;
+        }
+        let squares = [4.0, 36.0, 256.0, 1600.0, 10_000.0];
+        let areas: [f64; 5] =
+            std::array::from_fn(|ring| squares[ring] - if ring > 0 { squares[ring - 1] } else { 0.0 });
+        for (ring, ([flux_w, _], area_m2)) in found.iter().zip(areas).enumerate() {
+            let off = flux_w / area_m2 / expected - 1.0;
+            assert!(off.abs() < 0.03, "{name}, ring {ring}: {off}, {found:?}");
+        }
+        let [on_it, .., far] = std::array::from_fn::<f64, 5, _>(|ring| found[ring][1] / areas[ring]);
+        assert!(on_it > 30.0 * far, "{name}: {on_it} and {far} a square metre");
+    }
+}
+
 /// A spot sends out what its intensity adds up to over its cone, and nothing beyond.
 #[test]
 fn spots_keep_to_their_cone() {

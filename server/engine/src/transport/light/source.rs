@@ -1,17 +1,19 @@
 //! Lights as photons leave them: how much each sends out, and where the photon of given numbers starts.
 
 mod aim;
+mod target;
 
 use std::{f32::consts::PI, f64, sync::Arc};
 
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 
 pub use self::aim::{Aim, AimedPhoton, Sphere};
+use self::target::Target;
 use super::{LocalLight, spot_falloff};
 use crate::{
     accel::{Hit, Instance, Ray, SurfacePoint, TriangleId},
     math::{Frame, Rgb, warp},
-    scene::{Aabb, Id, LightKind, Material, Texture, TextureSlot},
+    scene::{Id, LightKind, Material, Texture, TextureSlot},
     transport::World,
 };
 
@@ -48,13 +50,6 @@ enum SourceKind {
 struct EnvironmentIdentity {
     description: crate::scene::Environment,
     texture: Option<Arc<Texture>>,
-}
-
-/// The box that light from infinitely far is aimed at, in render space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Target {
-    middle: Vec3,
-    half: Vec3,
 }
 
 /// Triangles that emit together.
@@ -112,6 +107,28 @@ impl Source {
     /// All that it sends out goes one way: photons differ by where they start alone.
     pub fn is_one_way(&self) -> bool {
         matches!(self.kind, SourceKind::Directional { .. })
+    }
+
+    /// It shines from infinitely far, and most of its photons are aimed at things on wide ground.
+    pub fn is_aimed(&self) -> bool {
+        match &self.kind {
+            SourceKind::Directional { target, .. } | SourceKind::Environment { target, .. } => {
+                target.is_uneven()
+            }
+            _ => false,
+        }
+    }
+
+    /// What a photon of light that goes one way carries because more or fewer are aimed at where it goes, over what it would if they were spread
+    /// evenly.
+    pub fn share_by_aim(&self, numbers: &EmissionNumbers) -> f32 {
+        match &self.kind {
+            SourceKind::Directional { direction, target, .. } if target.is_uneven() => {
+                let across = target.across(*direction);
+                across.start(numbers.position).1 / across.area_m2()
+            }
+            _ => 1.0,
+        }
     }
 
     /// True when both send out the very same photons for the same numbers.
@@ -282,16 +299,16 @@ impl World {
                 Some(EmittedPhoton { ray, weight: weighed(radiometric, 2.0 * PI * (1.0 - cos_outer))? })
             }
             SourceKind::Directional { direction, irradiance, target } => {
-                let across = target.across(*direction);
-                let ray = Ray::new(across.start(numbers.position), *direction);
-                Some(EmittedPhoton { ray, weight: weighed(*irradiance, across.area_m2())? })
+                let (start, area_m2) = target.across(*direction).start(numbers.position);
+                let ray = Ray::new(start, *direction);
+                Some(EmittedPhoton { ray, weight: weighed(*irradiance, area_m2)? })
             }
             SourceKind::Environment { target, .. } => {
                 let environment = self.lights().environment()?;
                 let (wi, pdf) = environment.sample(Vec3::ZERO, numbers.direction)?;
-                let across = target.across(-wi);
-                let ray = Ray::new(across.start(numbers.position), -wi);
-                let weight = weighed(environment.radiance(wi), across.area_m2() / pdf)?;
+                let (start, area_m2) = target.across(-wi).start(numbers.position);
+                let ray = Ray::new(start, -wi);
+                let weight = weighed(environment.radiance(wi), area_m2 / pdf)?;
                 Some(EmittedPhoton { ray, weight })
             }
             SourceKind::Surface(surface) => {
@@ -337,43 +354,4 @@ impl World {
 
 fn luminance(rgb: Rgb) -> f64 {
     f64::from(rgb.luminance())
-}
-
-/// What a box looks like from one direction: a rectangle that covers it.
-struct Across {
-    frame: Frame,
-    corner: Vec3,
-    size: Vec2,
-}
-
-impl Target {
-    fn of(world: &World) -> Option<Target> {
-        let bounds: Aabb = world.scene().bounds()?;
-        let [min, max] = [bounds.min, bounds.max].map(|corner| world.accel().to_render(corner));
-        // Room for the rounding of corners: photons may miss the scene by a hair, never the other way round.
-        let half = (max - min) * 0.5 * (1.0 + 1e-5) + min.abs().max(max.abs()) * 4.0 * f32::EPSILON;
-        Some(Target { middle: (min + max) * 0.5, half })
-    }
-
-    /// As seen by light that travels along `direction`.
-    fn across(&self, direction: Vec3) -> Across {
-        let frame = Frame::around(direction);
-        // Half the extent of the box along each axis of the frame.
-        let reach = |axis: Vec3| axis.abs().dot(self.half);
-        let half = Vec2::new(reach(frame.t), reach(frame.b));
-        // Before the box, also where the box is flat and seen face on.
-        let distance_m = 1.1 * reach(direction) + 0.1 * self.half.length();
-        let corner = self.middle - frame.t * half.x - frame.b * half.y - direction * distance_m;
-        Across { frame, corner, size: half * 2.0 }
-    }
-}
-
-impl Across {
-    fn area_m2(&self) -> f32 {
-        self.size.x * self.size.y
-    }
-
-    fn start(&self, u: [f32; 2]) -> Vec3 {
-        self.corner + self.frame.t * (u[0] * self.size.x) + self.frame.b * (u[1] * self.size.y)
-    }
 }

@@ -9,7 +9,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
-use super::{Across, EmissionNumbers, Source, SourceKind, luminance};
+use super::{EmissionNumbers, Source, SourceKind, luminance, target::Across};
 use crate::{
     accel::Ray,
     math::{Frame, Rgb, sobol, warp},
@@ -177,7 +177,7 @@ impl Aim {
     fn start(&self, across: &Across, u: [f32; 2]) -> Option<(Vec3, f32)> {
         let size = self.spheres.iter().map(Sphere::disc_m2).sum::<f32>();
         if size >= across.area_m2() {
-            return Some((across.start(u), across.area_m2()));
+            return Some(across.start(u));
         }
         let (chosen, u0) = choose_by_size(self.spheres.iter().map(Sphere::disc_m2), u[0] * size)?;
         let sphere = &self.spheres[chosen];
@@ -190,7 +190,7 @@ impl Aim {
             *index != chosen && beside.length_squared() <= other.radius_m * other.radius_m
         };
         let count = 1 + self.spheres.iter().enumerate().filter(holds).count();
-        Some((at - n * n.dot(at - across.corner), size / count as f32))
+        Some((at - n * n.dot(at - across.origin), size / count as f32))
     }
 }
 

@@ -1,0 +1,137 @@
+//! Boxes from around a scene to around what stands on its ground: a house on a meadow, a room with a window in it, fill a thousandth of
+//! the scene.
+
+use glam::DVec3;
+
+use super::{Aabb, Scene};
+
+/// A scene lies flat if its least side is at most this share of its largest …
+const FLAT: f64 = 0.25;
+/// … and this share of the one between at most: a corridor is long, not flat.
+const FLAT_ACROSS: f64 = 0.5;
+/// Things are smaller than the scene if their largest side is no larger than this share of its largest.
+const SMALLER: f64 = 0.5;
+/// The surface of the scene's bounds over that of the smaller things' at least: with less, they fill the scene.
+const SURFACE_RATIO_MIN: f64 = 4.0;
+/// Room around the smaller things, in shares of their largest side: from the ground around a house comes most of the light that falls in at
+/// its windows from below.
+const AROUND: f64 = 0.5;
+/// Bounds of the smaller things are those of cells of a grid of so many along each side of the scene's: small edits leave them.
+const GRID: f64 = 64.0;
+
+/// Boxes, each within the one before and smaller by the same factor, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NestedBounds {
+    /// The first is around the scene, the last around all nodes that are smaller than it and some of the ground around them.
+    pub boxes: [Aabb; NestedBounds::COUNT],
+}
+
+impl NestedBounds {
+    /// How many boxes there are.
+    pub const COUNT: usize = 4;
+
+    /// - `whole`: bounds of the scene
+    /// - `of_nodes`: bounds of each of its nodes
+    ///
+    /// `None` where the scene does not lie flat, as ground does, or the smaller nodes fill about as much as it, or there is none.
+    fn of(whole: &Aabb, of_nodes: impl Iterator<Item = Aabb>) -> Option<NestedBounds> {
+        let size = whole.max - whole.min;
+        let mut sides = size.to_array();
+        sides.sort_by(f64::total_cmp);
+        let [least, between_them, largest] = sides;
+        if !(least <= FLAT * largest && least <= FLAT_ACROSS * between_them) {
+            return None;
+        }
+        let largest_m = SMALLER * largest;
+        let is_smaller = |bounds: &Aabb| (bounds.max - bounds.min).max_element() <= largest_m;
+        let things = of_nodes.filter(is_smaller).reduce(|all, bounds| all.union(&bounds))?;
+        let room = AROUND * (things.max - things.min).max_element();
+        // Sides without extent have one cell.
+        let cell = (size / GRID).max(DVec3::splat(f64::MIN_POSITIVE));
+        let [first, last] = [things.min - room, things.max + room].map(|corner| (corner - whole.min) / cell);
+        let first = first.floor().clamp(DVec3::ZERO, DVec3::splat(GRID - 1.0));
+        let last = last.ceil().clamp(first + 1.0, DVec3::splat(GRID));
+        let corner = |cells: DVec3| (whole.min + cells * cell).min(whole.max);
+        let inner = Aabb { min: corner(first), max: corner(last) };
+        let surface_m2 = |bounds: &Aabb| {
+            let size = bounds.max - bounds.min;
+            size.x * size.y + size.y * size.z + size.z * size.x
+        };
+        let is_within = surface_m2(whole) > SURFACE_RATIO_MIN * surface_m2(&inner);
+        is_within.then(|| NestedBounds { boxes: std::array::from_fn(|index| between(whole, &inner, index)) })
+    }
+}
+
+/// Box `index` of those from the outer to the inner one.
+fn between(outer: &Aabb, inner: &Aabb, index: usize) -> Aabb {
+    let [outer_m, inner_m] = [outer, inner].map(|of| (of.max - of.min).max_element());
+    let size_m = outer_m * (inner_m / outer_m).powf(index as f64 / (NestedBounds::COUNT - 1) as f64);
+    let share = ((outer_m - size_m) / (outer_m - inner_m)).clamp(0.0, 1.0);
+    Aabb { min: outer.min.lerp(inner.min, share), max: outer.max.lerp(inner.max, share) }
+}
+
+impl Scene {
+    /// Boxes from around a scene that lies flat to around its smaller nodes; `None` of others, and where these nodes fill it.
+    pub fn nested_bounds(&self) -> Option<NestedBounds> {
+        NestedBounds::of(&self.bounds()?, self.node_bounds())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cube(middle: DVec3, half_m: f64) -> Aabb {
+        Aabb { min: middle - half_m, max: middle + half_m }
+    }
+
+    fn nested(nodes: &[Aabb]) -> Option<NestedBounds> {
+        let whole = nodes.iter().fold(Aabb::EMPTY, |all, bounds| all.union(bounds));
+        NestedBounds::of(&whole, nodes.iter().copied())
+    }
+
+    const GROUND: Aabb = Aabb { min: DVec3::new(-300.0, 0.0, -300.0), max: DVec3::new(300.0, 0.0, 300.0) };
+
+    #[test]
+    fn boxes_shrink_from_the_scene_to_its_things() {
+        let things = [cube(DVec3::new(40.0, 2.0, -290.0), 2.0), cube(DVec3::new(46.0, 1.0, -290.0), 1.0)];
+        let found = nested(&[GROUND, things[0], things[1]]).expect("much ground around");
+        let [outer, .., inner] = found.boxes;
+        assert_eq!(outer, Aabb { min: GROUND.min, max: GROUND.max.with_y(4.0) });
+        for thing in things {
+            assert!(thing.min.cmpge(inner.min).all() && thing.max.cmple(inner.max).all(), "{inner:?}");
+        }
+        let sizes = found.boxes.map(|of| (of.max - of.min).max_element());
+        for (pair, factors) in found.boxes.windows(2).zip(sizes.windows(3)) {
+            let [outer, inner] = pair else { unreachable!() };
+            assert!(inner.min.cmpge(outer.min).all() && inner.max.cmple(outer.max).all(), "{pair:?}");
+            let [a, b, c] = factors else { unreachable!() };
+            assert!((a / b / (b / c) - 1.0).abs() < 1e-9, "{sizes:?}");
+        }
+        assert!(sizes[3] < 40.0, "{sizes:?}");
+    }
+
+    /// What moves a little, or stays, leaves all boxes.
+    #[test]
+    fn small_moves_leave_them() {
+        let at = |x: f64| nested(&[GROUND, cube(DVec3::new(x, 2.0, 1.0), 2.0)]);
+        assert_eq!(at(3.0), at(3.1));
+        assert_ne!(at(3.0), at(60.0));
+    }
+
+    #[test]
+    fn things_that_fill_the_scene_have_none() {
+        let room = Aabb { min: DVec3::ZERO, max: DVec3::new(6.0, 3.0, 5.0) };
+        assert_eq!(nested(&[room]), None);
+        let corners = [cube(DVec3::new(0.5, 0.5, 0.5), 0.5), cube(DVec3::new(5.5, 0.5, 4.5), 0.5)];
+        assert_eq!(nested(&[room, corners[0], corners[1]]), None);
+        // Something small in a high room, and in a corridor.
+        let hall = Aabb { min: DVec3::ZERO, max: DVec3::splat(20.0) };
+        assert_eq!(nested(&[hall, cube(DVec3::new(10.0, 1.0, 10.0), 1.0)]), None);
+        let corridor = Aabb { min: DVec3::ZERO, max: DVec3::new(60.0, 3.0, 3.0) };
+        assert_eq!(nested(&[corridor, cube(DVec3::new(30.0, 1.0, 1.5), 1.0)]), None);
+        // All of it flat, and a point.
+        assert_eq!(nested(&[Aabb { min: GROUND.min, max: GROUND.max }]), None);
+        assert_eq!(nested(&[cube(DVec3::ONE, 0.0)]), None);
+    }
+}
