@@ -1,8 +1,11 @@
 // What the light octree knows of the light that falls on a surface: `technique/octree/look_up.rs`, `LightOctree::scattered`,
 // of `technique/octree/upload.rs`'s words.
 
+const INNER_CUBES: u32 = 3u;
+
 struct OctreeHeader {
     low: vec3f,
+    /// Of cells that are all as large, as are the other lengths.
     cell_m: f32,
     /// Cells along a side.
     cells: u32,
@@ -20,9 +23,12 @@ struct OctreeHeader {
     behind_share: f32,
     /// Share of a group within a wall.
     within_share: f32,
+    /// 1: cells are smaller in `inner`.
+    is_nested: u32,
     padding_0: u32,
     padding_1: u32,
-    padding_2: u32,
+    /// Cubes within the cube: low corner, side.
+    inner: array<vec4f, INNER_CUBES>,
 }
 
 /// The light of the surfaces of a cell that face about one way.
@@ -83,6 +89,43 @@ fn softened(cosine: f32, reach: f32) -> f32 {
     return select(above * above * (0.25 / reach), cosine, cosine > reach);
 }
 
+/// `octree/cube.rs`: where a point is, in cells from the low corner.
+fn place_in_cells(p: vec3f) -> vec3f {
+    var place = (p - octree.low) / octree.cell_m;
+    if octree.is_nested == 1u {
+        var sum = (p - octree.low) / (octree.cell_m * f32(octree.cells));
+        for (var index = 0u; index < INNER_CUBES; index++) {
+            sum += clamp((p - octree.inner[index].xyz) / octree.inner[index].w, vec3f(0.0), vec3f(1.0));
+        }
+        place = sum * (f32(octree.cells) / f32(INNER_CUBES + 1u));
+    }
+    return place;
+}
+
+/// Sides of cells at a point over those of cells that are all as large.
+fn cell_scale(p: vec3f) -> vec3f {
+    var scale = vec3f(1.0);
+    if octree.is_nested == 1u {
+        var sum = vec3f(1.0);
+        for (var index = 0u; index < INNER_CUBES; index++) {
+            let inner = octree.inner[index];
+            let is_in = (p >= inner.xyz) & (p <= inner.xyz + inner.w);
+            sum += select(vec3f(0.0), vec3f(octree.cell_m * f32(octree.cells) / inner.w), is_in);
+        }
+        scale = f32(INNER_CUBES + 1u) / sum;
+    }
+    return scale;
+}
+
+/// Of three sides the one along the axis that `n` faces most.
+fn side_across(sides: vec3f, n: vec3f) -> f32 {
+    let size = abs(n);
+    if size.x >= size.y && size.x >= size.z {
+        return sides.x;
+    }
+    return select(sides.z, sides.y, size.y >= size.z);
+}
+
 /// The leaf of a cell; `NO_CELL` where there is no surface.
 fn leaf_of(cell: vec3u) -> u32 {
     var node = 0u;
@@ -105,7 +148,7 @@ struct LikeSet {
     share: f32,
 }
 
-fn set_like(leaf: u32, p: vec3f, n: vec3f) -> LikeSet {
+fn set_like(leaf: u32, p: vec3f, n: vec3f, per_sheet_m2: f32) -> LikeSet {
     var best = LikeSet(NO_CELL, 0.0);
     var best_score = -1e30;
     let end = octree_words[octree.first_sets_at + leaf + 1u];
@@ -115,7 +158,7 @@ fn set_like(leaf: u32, p: vec3f, n: vec3f) -> LikeSet {
             continue;
         }
         let off_m = dot(light_sets[place].normal, p) - light_sets[place].plane_m;
-        let squared = min(off_m * off_m * octree.per_sheet_m2, 1e15);
+        let squared = min(off_m * off_m * per_sheet_m2, 1e15);
         if cosine - squared > best_score {
             best_score = cosine - squared;
             best = LikeSet(place, 1.0 / (1.0 + squared * squared));
@@ -203,7 +246,8 @@ fn direction_of(drawn: DrawnLight, n_facing: vec3f, turn: vec2f) -> vec3f {
 /// - `draw`: random numbers that it is drawn by
 fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> ScatteredLight {
     var light = nothing_known();
-    light.blur_m = octree.blur_max_m;
+    let scale = cell_scale(surface.point.position);
+    light.blur_m = octree.blur_max_m * max_component(scale);
     var drawn = DrawnLight(draw.x, 0.0, NO_CELL, 0u);
     if octree.depth == 0u {
         return light;
@@ -214,7 +258,9 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
     let wo_local = frame_to_local(surface.frame, wo);
     let cells = i32(octree.cells);
     let p = surface.point.position;
-    let place = clamp((p - octree.low) / octree.cell_m - 0.5, vec3f(-4.0), vec3f(f32(cells) + 4.0));
+    let place = clamp(place_in_cells(p) - 0.5, vec3f(-4.0), vec3f(f32(cells) + 4.0));
+    let across = side_across(scale, n_facing);
+    let per_sheet_m2 = octree.per_sheet_m2 / (across * across);
     let base = floor(place);
     let fraction = place - base;
     var total = 0.0;
@@ -235,7 +281,7 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         if leaf == NO_CELL {
             continue;
         }
-        let like = set_like(leaf, p, n_facing);
+        let like = set_like(leaf, p, n_facing, per_sheet_m2);
         if like.index == NO_CELL {
             continue;
         }
@@ -285,7 +331,7 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         let per_chance = min(drawn.sum / one, PER_CHANCE_MAX) / total;
         light.share = response(surface, wo_local, n_shade, drawn.index, drawn.index + 1u, reach) * per_chance;
         light.lit_from = direction_of(drawn, n_facing, draw.yz);
-        light.lost_m = min(octree.lost_blurs * light.blur_m, octree.lost_max_m);
+        light.lost_m = min(octree.lost_blurs * light.blur_m, octree.lost_max_m * max_component(scale));
     }
     return light;
 }

@@ -106,9 +106,14 @@ impl Caches {
 /// within 1 % away from edges, within 3 % at edges and corners.
 #[test]
 fn the_octree_of_a_furnace_is_even() {
-    for albedo in [0.3f32, 0.8] {
-        let world = world_of(samples::furnace(albedo, 0.25).unwrap());
-        let mut furnace = settings(400_000, 4);
+    for (albedo, is_on_ground) in [(0.3f32, false), (0.8, false), (0.8, true)] {
+        let mut scene = samples::furnace(albedo, 0.25).unwrap();
+        if is_on_ground {
+            scene = on_ground(&scene, 0.0);
+            assert!(scene.nested_bounds().is_some());
+        }
+        let world = world_of(scene);
+        let mut furnace = settings(400_000, if is_on_ground { 6 } else { 4 });
         furnace.octree = furnace.octree.gathering(NonZeroUsize::new(300).unwrap());
         let light = Caches::complete(furnace, &world);
         let octree = light.octree.octree().unwrap();
@@ -142,6 +147,48 @@ fn the_octree_of_a_furnace_is_even() {
         assert!(worst < 0.3, "ρ {albedo}: {worst}");
         assert!(off[0].abs() < 0.01 && off[1].abs() < 0.03 && off[2].abs() < 0.03, "ρ {albedo}: {off:?}");
     }
+}
+
+/// The same a metre above ground, thirty times as wide as a furnace, that reflects so much.
+fn on_ground(scene: &Scene, albedo: f32) -> Scene {
+    let below = scene.bounds().unwrap().min.y - 1.0;
+    let mut builder = SceneBuilder::from_scene(scene, SceneLimits::default());
+    let ground = id("ground".to_owned());
+    builder.set_material(ground.clone(), Material::lambert(Rgb::splat(albedo))).unwrap();
+    let corners = [[-30.0, 30.0], [30.0, 30.0], [30.0, -30.0], [-30.0, -30.0]];
+    let corners = corners.map(|[x, z]| DVec3::new(x, below, z));
+    builder.add_mesh(ground.clone(), samples::quad(corners, &ground)).unwrap();
+    let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(ground.clone()) };
+    builder.add_node(ground, node).unwrap();
+    builder.finish().0
+}
+
+/// A room behind a window, on ground fifteen times as wide, is lit as by paths: most photons of sun and sky are aimed at it, and cells are
+/// small there. 9 % off; 18 were they not.
+#[test]
+fn the_octree_of_a_room_on_wide_ground_is_that_of_a_room() {
+    let world = Arc::new(world_of(samples::room_on_ground().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let size = PictureSize::new(64, 36).unwrap();
+    let drawn = |indirect: Indirect, passes: u32| {
+        let settings = RenderSettings { indirect, learning: Learning::InStep, ..RenderSettings::default() };
+        let mut rendering = Rendering::new(world.clone(), view, size, settings);
+        while rendering.passes() < passes {
+            rendering.step(&AtomicBool::new(false));
+        }
+        rendering.picture().radiance()
+    };
+    // Means over 4 × 4 pixels: noise of single pixels is not in question.
+    let coarse = |picture: Vec<Rgb>| -> Vec<Rgb> {
+        let of_tile = |tile: usize| {
+            let (x, y) = (tile % 16 * 4, tile / 16 * 4);
+            let pixels = (0..16).map(|pixel| picture[(y + pixel / 4) * 64 + x + pixel % 4]);
+            pixels.fold(Rgb::BLACK, |sum, pixel| sum + pixel * (1.0 / 16.0))
+        };
+        (0..16 * 9).map(of_tile).collect()
+    };
+    let found = compare(&coarse(drawn(Indirect::Octree, 64)), &coarse(drawn(Indirect::Path, 1024))).unwrap();
+    assert!(found.rel_mse.sqrt() < 0.13 && found.bias.abs() < 0.05, "{found:?}");
 }
 
 /// Light of a bright room does not get under the wall into a dark one that shares its floor, walls and ceiling, however coarse the
@@ -356,15 +403,24 @@ fn assert_same(kept: &Caches, fresh: &Caches, what: &str) {
 /// also when edits come before the answer to the last one is complete.
 #[test]
 fn edits_leave_what_a_fresh_build_would_make() {
-    // The last with so many photons that lights have strata, some of them thinned out.
-    for (seed, photons, edits) in [(0, 3_000, 100), (1, 3_000, 100), (2, 3_000, 100), (3, 24_000, 40)] {
+    let cornell = || samples::cornell_box().unwrap();
+    let mut under_sky = SceneBuilder::from_scene(&on_ground(&cornell(), 0.5), SceneLimits::default());
+    under_sky.set_environment(Environment::Constant(Rgb::splat(1.0))).unwrap();
+    // The fourth with so many photons that lights have strata, some of them thinned out; the last where cells differ in size.
+    for (seed, scene, photons, edits) in [
+        (0, cornell(), 3_000, 100),
+        (1, cornell(), 3_000, 100),
+        (2, cornell(), 3_000, 100),
+        (3, cornell(), 24_000, 40),
+        (4, under_sky.finish().0, 24_000, 40),
+    ] {
         let mut settings = settings(photons, 4);
         let mut thinned_out = 0;
         // Small gathers: many cells must stay as they were.
         settings.octree.neighbours_min = NonZeroUsize::new(8).unwrap();
         let mut kept_cells_share = 0.0;
         let mut dice = Dice { key: sobol::mix(seed), thrown: 0 };
-        let mut world = world_of(samples::cornell_box().unwrap());
+        let mut world = world_of(scene);
         let mut kept = Caches::complete(settings, &world);
         let mut withdrawn_share = 0.0;
         for number in 0..edits {

@@ -3,8 +3,8 @@
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::{
-    Camera, CameraView, Id, Light, Material, MeshSource, Node, Primitive, Scene, SceneBuilder, SceneError,
-    SceneLimits,
+    Camera, CameraView, Environment, Id, Light, LightKind, Material, MeshSource, Node, Primitive, Scene,
+    SceneBuilder, SceneError, SceneLimits,
 };
 use crate::math::Rgb;
 
@@ -252,6 +252,39 @@ pub fn parted_rooms(emission: [f32; 2]) -> Result<Scene, SceneError> {
     }
     let main = CameraView::look_at(v(1.8, 1.2, 0.3), v(0.0, 0.6, -0.1), DVec3::Y, 70f64.to_radians());
     stage.camera("main", main, 4.0 / 3.0)?;
+    Ok(stage.finish())
+}
+
+/// A room of 4 × 2.5 × 4 m with a window and a box in it, on ground sixty metres wide, under an even sky and the sun; camera `main`,
+/// inside.
+pub fn room_on_ground() -> Result<Scene, SceneError> {
+    let mut stage = Stage::default();
+    let wall = stage.material("wall", Material::lambert(Rgb::new(0.75, 0.75, 0.72)))?;
+    let floor = stage.material("floor", Material::lambert(Rgb::new(0.5, 0.36, 0.24)))?;
+    let meadow = stage.material("meadow", Material::lambert(Rgb::new(0.3, 0.36, 0.24)))?;
+    let v = DVec3::new;
+    let ground = [v(-30., -0.2, 30.), v(30., -0.2, 30.), v(30., -0.2, -30.), v(-30., -0.2, -30.)];
+    stage.place("ground", quad(ground, &meadow), DAffine3::IDENTITY)?;
+    for (name, min, max, material) in [
+        ("floor", v(-2.2, -0.2, -2.2), v(2.2, 0., 2.2), &floor),
+        ("ceiling", v(-2.2, 2.5, -2.2), v(2.2, 2.7, 2.2), &wall),
+        ("back wall", v(-2.2, 0., -2.2), v(-2., 2.5, 2.2), &wall),
+        ("left wall", v(-2., 0., -2.2), v(2.2, 2.5, -2.), &wall),
+        ("right wall", v(-2., 0., 2.), v(2.2, 2.5, 2.2), &wall),
+        ("parapet", v(2., 0., -2.), v(2.2, 0.8, 2.), &wall),
+        ("lintel", v(2., 2.1, -2.), v(2.2, 2.5, 2.), &wall),
+        ("left of the window", v(2., 0.8, -2.), v(2.2, 2.1, -0.9), &wall),
+        ("right of the window", v(2., 0.8, 0.9), v(2.2, 2.1, 2.), &wall),
+        ("box", v(-1.2, 0., -1.2), v(-0.5, 0.7, -0.5), &wall),
+    ] {
+        stage.place(name, cuboid(min, max, material), DAffine3::IDENTITY)?;
+    }
+    let kind = LightKind::Directional { irradiance: Rgb::new(20.0, 19.0, 17.0) };
+    let direction = v(-1.0, -0.8, -0.35).normalize();
+    stage.light("sun", Light { parent: None, position: DVec3::ZERO, direction, kind })?;
+    stage.builder().set_environment(Environment::Constant(Rgb::new(0.7, 0.9, 1.2)))?;
+    let main = CameraView::look_at(v(-1.8, 1.5, 1.6), v(0.8, 0.9, -0.5), DVec3::Y, 70f64.to_radians());
+    stage.camera("main", main, 16.0 / 9.0)?;
     Ok(stage.finish())
 }
 

@@ -8,12 +8,13 @@ use rayon::prelude::*;
 use super::{
     LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
+    cube::Cube,
     gathers::{Gathers, LIFT_CELLS, LOOK_CELLS, key_of},
     harmonics::Harmonics,
     lights::{self, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
     tree::Nodes,
-    voxels::{Cube, Expected, VoxelSet, Voxels},
+    voxels::{Expected, VoxelSet, Voxels},
 };
 use crate::{
     accel::Ray,
@@ -68,6 +69,7 @@ pub(super) struct Building {
     settings: OctreeSettings,
     photons: Arc<PhotonProduct>,
     voxels: Arc<Voxels>,
+    /// Where cells are all as large.
     radius_max_m: f32,
     /// Light of the cells so far, group by group.
     light: Vec<SetLight>,
@@ -159,12 +161,12 @@ impl Building {
         depth: u32,
         before: Option<&Arc<LightOctree>>,
     ) -> Option<Building> {
-        let cube = Cube::around(world.accel(), depth)?;
+        let cube = Cube::around(world, depth)?;
         let surfaces = photons.maps.surfaces();
         let known = before.map(|octree| &*octree.voxels);
-        let expected = Expected::by(&settings);
+        let expected = Expected::by(&settings, &cube);
         let start = Instant::now();
-        let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube, expected, known));
+        let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube.clone(), expected, known));
         let voxel_seconds = start.elapsed().as_secs_f64();
         let radius_max_m = radius_max_m(&voxels, expected);
         // The light before this edit is known only to those who made the octree of the generation before.
@@ -267,7 +269,7 @@ impl Building {
             (old.normal, old.centre, old.area_m2) == (new.normal, new.centre, new.area_m2)
                 && old.is_alone == new.is_alone
                 && same_sides(old, new)
-                && !reused.is_moved_within(self.gathers().look_m(), new.centre)
+                && !reused.is_moved_within(self.gathers().look_m(new), new.centre)
                 && !(0..MAPPED.len()).any(|class| {
                     let sides = self.voxels.sides_of(new);
                     reused.changed.is_within(class, sides, light.reach_m[class], new.centre)
@@ -291,7 +293,7 @@ impl Building {
     ) -> SetLight {
         let sides = self.voxels.sides_of(set);
         if !self.photons.maps.has_any(sides) {
-            return SetLight::dark(self.radius_max_m);
+            return SetLight::dark(self.radius_max_m * set.scale);
         }
         let start = Instant::now();
         let bounds = self.gathers().bounds_of(world, set, key);
@@ -299,7 +301,7 @@ impl Building {
         counts.gather_seconds += start.elapsed().as_secs_f64();
         let mut light = SetLight {
             is_alone: set.is_alone,
-            walls: NearWalls::of(&walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m()),
+            walls: NearWalls::of(&walls, set.centre, LOOK_CELLS * self.voxels.cube.cell_m() * set.scale),
             ..SetLight::default()
         };
         for (index, class) in MAPPED.into_iter().enumerate() {
@@ -309,7 +311,7 @@ impl Building {
             if let Some(dark_m2) = bench.gather.dark_m2.filter(|_| class == PathClass::Indirect) {
                 // Nothing falls before the walls. Where a few photons might have, that is known; in a niche it is not.
                 light.walls = Some(NearWalls::WITHIN);
-                if self.even_count(dark_m2) < DARK_COUNT {
+                if self.even_count(dark_m2 / (set.scale * set.scale)) < DARK_COUNT {
                     let without = GatherBounds { walls: Walls::default(), ..bounds };
                     self.photons.maps.gather(class, sides, &without, &mut bench.gather);
                 }
@@ -340,12 +342,12 @@ impl Building {
         let is_dark = light.harmonics.is_none() && light.vdls.iter().all(Vec::is_empty);
         if is_dark {
             let within = light.walls.filter(|walls| *walls == NearWalls::WITHIN);
-            return SetLight { walls: within, ..SetLight::dark(self.radius_max_m) };
+            return SetLight { walls: within, ..SetLight::dark(self.radius_max_m * set.scale) };
         }
         light
     }
 
-    /// Photons that fall on so much area if all lie evenly on everything.
+    /// Photons that fall on so much area, as if cells were all as large, if all lie evenly on everything.
     fn even_count(&self, area_m2: f32) -> f32 {
         let even_m = self.radius_max_m / RADIUS_MAX_EVEN;
         self.settings.neighbours_min.get() as f32 * area_m2 / (std::f32::consts::PI * even_m * even_m)
@@ -360,8 +362,7 @@ impl Building {
         let sets = self.light.iter().zip(&self.voxels.sets);
         let irradiance: Vec<f32> = sets.map(|(light, set)| light.irradiance(set.normal)).collect();
         let walls: Vec<Option<NearWalls>> = self.light.iter().map(|light| light.walls).collect();
-        let lift_m = LIFT_CELLS * self.voxels.cube.cell_m();
-        let lifted = |set: &VoxelSet| set.centre + set.normal * lift_m;
+        let lifted = |set: &VoxelSet| set.centre + set.normal * (LIFT_CELLS * set.across_m);
         parted(&self.voxels, &walls, &irradiance, |here, there| {
             let (from, to) = (lifted(here), lifted(there));
             let ray = Ray { t_max: 1.0, ..Ray::new(from, to - from) };
@@ -453,7 +454,7 @@ impl LightOctree {
     }
 }
 
-/// How far a gather looks at most.
+/// How far a gather looks at most, where cells are all as large.
 fn radius_max_m(voxels: &Voxels, expected: Expected) -> f32 {
     radius_max_in_cells_m(voxels.area_m2, voxels.cube.cell_m(), expected)
 }
@@ -468,7 +469,7 @@ impl LightOctree {
     /// Cells, about, of each of the octrees that these settings would have built of the same scene one after the other: a surface is met
     /// by four times as many that are half as wide. Without the bound on pieces, which only the largest scenes meet.
     pub(crate) fn cells_by(&self, settings: &OctreeSettings) -> Vec<f64> {
-        let expected = Expected::by(settings);
+        let expected = Expected::by(settings, &self.voxels.cube);
         let mut cells = Vec::new();
         for depth in settings.depth_first.min(settings.depth)..=settings.depth {
             let halvings = depth as i32 - self.depth() as i32;

@@ -32,23 +32,24 @@ pub(super) fn key_of(code: u32, place: u64) -> u64 {
 pub(super) struct Gathers<'a> {
     pub(super) voxels: &'a Voxels,
     pub(super) settings: &'a OctreeSettings,
+    /// Where cells are all as large.
     pub(super) radius_max_m: f32,
 }
 
 impl Gathers<'_> {
     /// How far a group looks around itself for walls: as far as its gather may reach, or look-ups near it.
-    pub(super) fn look_m(&self) -> f32 {
+    pub(super) fn look_m(&self, set: &VoxelSet) -> f32 {
         let cell_m = self.voxels.cube.cell_m();
-        self.radius_max_m.max(LOOK_CELLS * cell_m) + LIFT_CELLS * cell_m
+        self.radius_max_m.max(LOOK_CELLS * cell_m) * set.scale + LIFT_CELLS * set.across_m
     }
 
     fn search_around(&self, set: &VoxelSet, key: u64) -> WallSearch {
-        let cell_m = self.voxels.cube.cell_m();
+        let lift_m = LIFT_CELLS * set.across_m;
         WallSearch {
             middle: set.centre,
             normal: set.normal,
-            lift_m: LIFT_CELLS * cell_m,
-            radius_m: self.look_m() - LIFT_CELLS * cell_m,
+            lift_m,
+            radius_m: self.look_m(set) - lift_m,
             turn: mix(key) as u32 as f32 / u32::MAX as f32,
         }
     }
@@ -60,10 +61,10 @@ impl Gathers<'_> {
         GatherBounds {
             centre: set.centre,
             normal: set.normal,
-            radius_m: self.settings.radius_cells * self.voxels.cube.cell_m(),
+            radius_m: self.settings.radius_cells * self.voxels.cube.cell_m() * set.scale,
             count_min: self.settings.neighbours_min,
             count_max: self.settings.neighbours_max,
-            radius_max_m: self.radius_max_m,
+            radius_max_m: self.radius_max_m * set.scale,
             count_narrow: self.settings.neighbours_narrow,
             walls: Walls::around(world.accel(), &self.search_around(set, key)),
         }

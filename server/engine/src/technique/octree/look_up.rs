@@ -9,6 +9,7 @@ use super::{
     CARD, Harmonics, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
     lights::{Irradiance, Lights, ShadedVdl, Softness, blocks_of},
+    voxels::across_m,
 };
 use crate::{
     math::Rgb,
@@ -21,6 +22,8 @@ use crate::{
 struct Around {
     sets: [(f32, usize); 8],
     count: usize,
+    /// The largest side of the cell there over that of cells that are all as large.
+    scale: f32,
 }
 
 impl Around {
@@ -32,11 +35,12 @@ impl Around {
 impl LightOctree {
     /// What lies nearer than this is lost where light is blurred so far, m. A coarse octree's blur is larger than what the photons
     /// will show in the end; to trace all that is lost in it would be path tracing.
-    fn lost_m(&self, blur_m: f32) -> f32 {
-        (LOST_BLURS * blur_m).min(self.lost_max_m())
+    fn lost_m(&self, blur_m: f32, scale: f32) -> f32 {
+        (LOST_BLURS * blur_m).min(self.lost_max_m() * scale)
     }
 
-    /// [`LightOctree::lost_m`] at most: half the radius at which the fewest photons of a gather lie in even light, m.
+    /// [`LightOctree::lost_m`] at most where cells are all as large: half the radius at which the fewest photons of a gather lie in even
+    /// light, m.
     pub(super) fn lost_max_m(&self) -> f32 {
         LOST_BLURS * self.radius_max_m / RADIUS_MAX_EVEN
     }
@@ -59,12 +63,17 @@ impl LightOctree {
     /// The groups around `p` that face like `n`.
     #[inline]
     fn around(&self, p: Vec3, n: Vec3) -> Around {
-        let mut around = Around { sets: [(0.0, 0); 8], count: 0 };
         let cube = &self.voxels.cube;
+        let mut around = Around { sets: [(0.0, 0); 8], count: 0, scale: 1.0 };
+        let mut per_sheet_m2 = self.per_sheet_m2;
+        if cube.nested.is_some() {
+            let scale = cube.scale_at(p);
+            around.scale = scale.max_element();
+            per_sheet_m2 /= across_m(scale, n).powi(2);
+        }
         let cells = cube.cells() as i32;
         // Far outside is as good as outside.
-        let at =
-            ((p - cube.low) / cube.cell_m() - 0.5).clamp(Vec3::splat(-4.0), Vec3::splat(cells as f32 + 4.0));
+        let at = (cube.place_of(p) - 0.5).clamp(Vec3::splat(-4.0), Vec3::splat(cells as f32 + 4.0));
         // Rounds down without the call that it is where the processor has no instruction for it.
         let cut = at.as_ivec3();
         let base = cut - IVec3::select(at.cmplt(cut.as_vec3()), IVec3::ONE, IVec3::ZERO);
@@ -93,7 +102,7 @@ impl LightOctree {
         }
         let mut total = 0.0;
         for &(weight, leaf) in &leaves[..leaf_count] {
-            let Some((set, share)) = self.set_like(leaf, p, n) else { continue };
+            let Some((set, share)) = self.set_like(leaf, p, n, per_sheet_m2) else { continue };
             // Of a group whose light is kept off by a wall only where there is no other.
             let weight = weight * share * self.sets[set].wall.share_at(p);
             around.sets[around.count] = (weight, set);
@@ -112,7 +121,7 @@ impl LightOctree {
     /// The group of a cell that faces most like `n` and whose plane is nearest to `p`, if any faces about like it, and how
     /// much it is to count, in (0, 1].
     #[inline]
-    fn set_like(&self, leaf: usize, p: Vec3, n: Vec3) -> Option<(usize, f32)> {
+    fn set_like(&self, leaf: usize, p: Vec3, n: Vec3, per_sheet_m2: f32) -> Option<(usize, f32)> {
         let range = self.voxels.places_of(leaf);
         let mut best = None;
         let mut best_score = f32::NEG_INFINITY;
@@ -120,7 +129,7 @@ impl LightOctree {
             let cos = sheet.dot(n.extend(0.0));
             if cos > LIKE_COS {
                 let off_m = sheet.dot(p.extend(-1.0));
-                let squared = off_m * off_m * self.per_sheet_m2;
+                let squared = off_m * off_m * per_sheet_m2;
                 if cos - squared > best_score {
                     best_score = cos - squared;
                     best = Some((place, squared));
@@ -211,11 +220,11 @@ impl SecondaryLight for LightOctree {
                 *sum += albedo * irradiance.total() * FRAC_1_PI;
             }
         }
-        let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m };
+        let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m * around.scale };
         let is_missing = around.count == 0 && !self.sets.is_empty();
-        let from = draw
-            .filter(|_| !is_alone)
-            .and_then(|draw| self.drawn(&around, &shading, n_facing, self.lost_m(blur_m), draw));
+        let from = draw.filter(|_| !is_alone).and_then(|draw| {
+            self.drawn(&around, &shading, n_facing, self.lost_m(blur_m, around.scale), draw)
+        });
         ScatteredLight { indirect: sums[0], caustic: sums[1], blur_m, from, is_missing }
     }
 }

@@ -15,6 +15,7 @@
 
 mod build;
 mod cluster;
+mod cube;
 mod drawing;
 mod gathers;
 #[cfg(feature = "gpu")]
@@ -144,8 +145,9 @@ pub struct LightOctree {
     settings: OctreeSettings,
     photons: Arc<PhotonProduct>,
     voxels: Arc<Voxels>,
+    /// Where cells are all as large; as many times that as they are larger or smaller.
     radius_max_m: f32,
-    /// Over the squared distance from a group's plane at which it counts half, 1/m².
+    /// Over the squared distance from a group's plane at which it counts half, where cells are all as large, 1/m².
     per_sheet_m2: f32,
     nodes: Nodes,
     sets: Vec<LeafSet>,
@@ -239,8 +241,7 @@ impl LightOctree {
 
     /// True when both hold the same cells with the same light, to the last bit.
     pub fn holds_the_same(&self, other: &LightOctree) -> bool {
-        let geometry = |octree: &LightOctree| octree.voxels.cube;
-        geometry(self) == geometry(other)
+        self.voxels.cube == other.voxels.cube
             && self.nodes == other.nodes
             && self.voxels.codes == other.voxels.codes
             && self.voxels.first_set == other.voxels.first_set
@@ -273,9 +274,17 @@ impl LightOctree {
 }
 
 /// Pieces that the surfaces of a scene are about cut into at a depth: a square cell's worth of wall reaches into two.
-fn pieces_at(world: &World, surfaces: &Surfaces, depth: u32) -> f64 {
-    let Some(cube) = voxels::Cube::around(world.accel(), depth) else { return 0.0 };
-    let area_m2 = (0..surfaces.count()).map(|surface| f64::from(surfaces.area_m2(surface))).sum::<f64>();
+///
+/// - `known`: an octree of this scene, or of the one before an edit
+fn pieces_at(world: &World, surfaces: &Surfaces, depth: u32, known: Option<&LightOctree>) -> f64 {
+    let Some(cube) = cube::Cube::around(world, depth) else { return 0.0 };
+    let area_of = |surfaces: &Surfaces| -> f64 {
+        (0..surfaces.count()).map(|surface| f64::from(surfaces.area_m2(surface))).sum()
+    };
+    // As if all cells were as large.
+    let stretch = known
+        .map_or(1.0, |octree| (octree.voxels.area_m2 / area_of(octree.photons.maps.surfaces())).max(1.0));
+    let area_m2 = area_of(surfaces) * stretch;
     let triangles = world.scene().instanced_triangle_count() as f64;
     2.0 * area_m2 / f64::from(cube.cell_m()).powi(2) + triangles
 }
@@ -336,8 +345,10 @@ impl OctreeBuilding {
     fn begin(&mut self, world: &World, photons: &Arc<PhotonProduct>) -> Option<Building> {
         let settings = self.settings;
         let mut depth = self.depth_next(photons);
-        let fits =
-            |depth| pieces_at(world, photons.maps.surfaces(), depth) <= OctreeSettings::PIECES_MAX as f64;
+        let fits = |depth| {
+            pieces_at(world, photons.maps.surfaces(), depth, self.octree.as_deref())
+                <= OctreeSettings::PIECES_MAX as f64
+        };
         let is_deeper = |octree: &Arc<LightOctree>| {
             octree.photons.generation == photons.generation && octree.depth() < depth
         };

@@ -2,6 +2,7 @@
 
 use super::{
     LightOctree, PackedVdl, Vdl,
+    cube::INNER,
     look_up::LOST_BLURS,
     parting::{BEHIND_SHARE, WITHIN_SHARE},
 };
@@ -14,6 +15,7 @@ impl LightOctree {
             return None;
         }
         let cube = &self.voxels.cube;
+        let inner = cube.nested.as_ref().map(|nested| nested.inner);
         let mut words: Vec<u32> = self.nodes.children.as_flattened().to_vec();
         let first_sets_at = words.len() as u32;
         words.extend(&self.voxels.first_set);
@@ -49,9 +51,11 @@ impl LightOctree {
                 lost_max_m: self.lost_max_m(),
                 behind_share: BEHIND_SHARE,
                 within_share: WITHIN_SHARE,
+                is_nested: u32::from(inner.is_some()),
                 padding_0: 0,
                 padding_1: 0,
-                padding_2: 0,
+                inner: inner
+                    .map_or([[0.0; 4]; INNER], |cubes| cubes.map(|(low, side_m)| low.extend(side_m).into())),
             },
             words,
             sets: sets.collect(),

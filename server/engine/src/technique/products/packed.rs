@@ -14,32 +14,34 @@ pub const LIKE_COS: f32 = 0.3;
 pub struct GpuOctreeHeader {
     /// Low corner of the cube, render space.
     pub low: [f32; 3],
-    /// Side of a cell, m.
+    /// Side of a cell where all are as large, m.
     pub cell_m: f32,
     /// Cells along a side of the cube.
     pub cells: u32,
     /// Halvings; 0: nothing is known.
     pub depth: u32,
-    /// Over the squared distance from a group's plane at which it counts half, 1/m².
+    /// Over the squared distance from a group's plane at which it counts half, where cells are all as large, 1/m².
     pub per_sheet_m2: f32,
     /// First word of the cells' first groups, behind the nodes.
     pub first_sets_at: u32,
-    /// How far indirect light is blurred where nothing is known, m.
+    /// How far indirect light is blurred where nothing is known and cells are all as large, m.
     pub blur_max_m: f32,
     /// What lies nearer than so many blurs is lost in them, but no farther than `lost_max_m`.
     pub lost_blurs: f32,
-    /// See there, m.
+    /// See there; where cells are all as large, m.
     pub lost_max_m: f32,
     /// Share of a group beyond its wall.
     pub behind_share: f32,
     /// Share of a group within a wall.
     pub within_share: f32,
+    /// 1: cells are smaller in `inner`.
+    pub is_nested: u32,
     /// Nothing.
     pub padding_0: u32,
     /// Nothing.
     pub padding_1: u32,
-    /// Nothing.
-    pub padding_2: u32,
+    /// Cubes within the cube: low corner, side, m.
+    pub inner: [[f32; 4]; 3],
 }
 
 /// The light of the surfaces of a cell that face about one way; `LightSet` in WGSL.

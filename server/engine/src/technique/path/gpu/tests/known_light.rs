@@ -101,6 +101,8 @@ fn the_octree_answers_the_same_on_a_card() {
         ("plastic and half glass", with_known(balls().finish(), None)),
         // Groups beside the wall belong to one room or the other.
         ("parted rooms", with_known(samples::parted_rooms([300.0, 3.0]).unwrap(), None)),
+        // Cells differ in size.
+        ("room on wide ground", with_known(samples::room_on_ground().unwrap(), None)),
         // By way of mirrors and glass a scattering is used up.
         ("two bounces", with_known(samples::cornell_box().unwrap(), Some(2))),
         ("ball that came later", late),

@@ -252,9 +252,10 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             lost_max_m,
             behind_share,
             within_share,
+            is_nested,
             padding_0,
             padding_1,
-            padding_2,
+            inner,
         }
     );
     assert_same_layout!(
