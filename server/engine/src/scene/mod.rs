@@ -142,7 +142,8 @@ impl Scene {
     pub fn node_bounds(&self) -> impl Iterator<Item = Aabb> {
         self.nodes.iter().filter_map(|(id, node)| {
             let mesh = node.mesh.as_ref().and_then(|mesh| self.meshes.get(mesh))?;
-            Some(mesh.bounds().transformed(&self.world_from_node(Some(id))))
+            let bounds = mesh.bounds().transformed(&self.world_from_node(Some(id)));
+            (!bounds.is_empty()).then_some(bounds)
         })
     }
 

@@ -3,7 +3,8 @@
 
 use glam::DVec3;
 
-use super::{Aabb, Scene};
+use super::{Aabb, Environment, Light, LightKind, Scene};
+use crate::math::Rgb;
 
 /// A scene lies flat if its least side is at most this share of its largest …
 const FLAT: f64 = 0.25;
@@ -13,11 +14,15 @@ const FLAT_ACROSS: f64 = 0.5;
 const SMALLER: f64 = 0.5;
 /// The surface of the scene's bounds over that of the smaller things' at least: with less, they fill the scene.
 const SURFACE_RATIO_MIN: f64 = 4.0;
-/// Room around the smaller things, in shares of their largest side: from the ground around a house comes most of the light that falls in at
-/// its windows from below.
-const AROUND: f64 = 0.5;
-/// Bounds of the smaller things are those of cells of a grid of so many along each side of the scene's: small edits leave them.
-const GRID: f64 = 64.0;
+/// Room around the smaller things, in shares of their largest side, beside what rounding up leaves: from the ground around a house comes
+/// most of the light that falls in at its windows from below.
+const AROUND: f64 = 0.2;
+/// Sides of the inner box are so many to an octave, and its middle lies on a grid of this share of them, so that most edits leave it, and all
+/// photons of sun and sky with it …
+const STEPS_AN_OCTAVE: f64 = 4.0;
+const GRID_OF_SIDE: f64 = 0.25;
+/// … which does not begin at a round share of the scene, where things tend to stand.
+const GRID_OFF: f64 = 0.0371;
 
 /// Boxes, each within the one before and smaller by the same factor, in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,20 +51,35 @@ impl NestedBounds {
         let is_smaller = |bounds: &Aabb| (bounds.max - bounds.min).max_element() <= largest_m;
         let things = of_nodes.filter(is_smaller).reduce(|all, bounds| all.union(&bounds))?;
         let room = AROUND * (things.max - things.min).max_element();
-        // Sides without extent have one cell.
-        let cell = (size / GRID).max(DVec3::splat(f64::MIN_POSITIVE));
-        let [first, last] = [things.min - room, things.max + room].map(|corner| (corner - whole.min) / cell);
-        let first = first.floor().clamp(DVec3::ZERO, DVec3::splat(GRID - 1.0));
-        let last = last.ceil().clamp(first + 1.0, DVec3::splat(GRID));
-        let corner = |cells: DVec3| (whole.min + cells * cell).min(whole.max);
-        let inner = Aabb { min: corner(first), max: corner(last) };
+        let along = |axis: usize| {
+            let (low, side) = (whole.min[axis], size[axis]);
+            let (from, to) = (things.min[axis] - room - low, things.max[axis] + room - low);
+            let Some(inner) = side_of_inner(to - from, side) else { return (low, low + side) };
+            let grid = GRID_OF_SIDE * inner;
+            let middle = (((from + to) * 0.5 / grid - GRID_OFF).round() + GRID_OFF) * grid;
+            let at = |offset: f64| low + (middle + offset).clamp(0.0, side);
+            (at(-0.5 * inner), at(0.5 * inner))
+        };
+        let [x, y, z] = [0, 1, 2].map(along);
+        let inner = Aabb { min: DVec3::new(x.0, y.0, z.0), max: DVec3::new(x.1, y.1, z.1) };
         let surface_m2 = |bounds: &Aabb| {
             let size = bounds.max - bounds.min;
             size.x * size.y + size.y * size.z + size.z * size.x
         };
-        let is_within = surface_m2(whole) > SURFACE_RATIO_MIN * surface_m2(&inner);
+        let is_smaller = (inner.max - inner.min).max_element() < largest;
+        let is_within = is_smaller && surface_m2(whole) > SURFACE_RATIO_MIN * surface_m2(&inner);
         is_within.then(|| NestedBounds { boxes: std::array::from_fn(|index| between(whole, &inner, index)) })
     }
+}
+
+/// Side of the inner box around things of that extent, which holds them wherever on its grid its middle is; `None` where it is no smaller than
+/// the scene.
+fn side_of_inner(extent: f64, side_of_scene: f64) -> Option<f64> {
+    let least = extent / (1.0 - GRID_OF_SIDE);
+    let steps = (least / side_of_scene).log2() * STEPS_AN_OCTAVE;
+    let inner = side_of_scene * (steps.ceil() / STEPS_AN_OCTAVE).exp2();
+    // Not of things or scenes without extent.
+    (inner > 0.0 && inner < side_of_scene).then_some(inner)
 }
 
 /// Box `index` of those from the outer to the inner one.
@@ -71,9 +91,25 @@ fn between(outer: &Aabb, inner: &Aabb, index: usize) -> Aabb {
 }
 
 impl Scene {
-    /// Boxes from around a scene that lies flat to around its smaller nodes; `None` of others, and where these nodes fill it.
+    /// Boxes from around a scene that lies flat to around its smaller nodes; `None` of others, where these nodes fill it, and where no
+    /// light comes from infinitely far: the photons of lamps are not aimed at things.
     pub fn nested_bounds(&self) -> Option<NestedBounds> {
+        if !self.is_lit_from_afar() {
+            return None;
+        }
         NestedBounds::of(&self.bounds()?, self.node_bounds())
+    }
+
+    /// It has a sun or a sky that is not black.
+    fn is_lit_from_afar(&self) -> bool {
+        let is_lit = |colour: &Rgb| colour.max_component() > 0.0;
+        let is_sun = |light: &Light| matches!(&light.kind, LightKind::Directional { irradiance } if is_lit(irradiance));
+        let is_sky = match &self.environment {
+            Environment::None => false,
+            Environment::Constant(radiance) => is_lit(radiance),
+            Environment::Image { scale, .. } => is_lit(scale),
+        };
+        is_sky || self.lights.values().any(is_sun)
     }
 }
 
@@ -111,12 +147,23 @@ mod tests {
         assert!(sizes[3] < 40.0, "{sizes:?}");
     }
 
-    /// What moves a little, or stays, leaves all boxes.
+    /// Of a hundred steps along a house one or two change the boxes, and the house is in the inner one all the way.
     #[test]
-    fn small_moves_leave_them() {
-        let at = |x: f64| nested(&[GROUND, cube(DVec3::new(x, 2.0, 1.0), 2.0)]);
-        assert_eq!(at(3.0), at(3.1));
-        assert_ne!(at(3.0), at(60.0));
+    fn most_moves_leave_them() {
+        let at = |x: f64| {
+            let thing = cube(DVec3::new(x, 2.0, 1.0), 2.0);
+            let boxes = nested(&[GROUND, thing]).expect("much ground around").boxes;
+            assert!(thing.min.cmpge(boxes[3].min).all() && thing.max.cmple(boxes[3].max).all(), "{boxes:?}");
+            boxes
+        };
+        let changes =
+            (0..400).filter(|step| at(0.04 * f64::from(*step)) != at(0.04 * f64::from(step + 1))).count();
+        assert!((1..=8).contains(&changes), "{changes}");
+        let house = [cube(DVec3::new(0.0, 3.0, 0.0), 4.0), cube(DVec3::new(7.0, 3.0, 1.0), 4.0)];
+        let with = |x: f64| nested(&[GROUND, house[0], house[1], cube(DVec3::new(x, 1.0, 1.0), 0.5)]);
+        let changes =
+            (0..400).filter(|step| with(0.02 * f64::from(*step)) != with(0.02 * f64::from(step + 1))).count();
+        assert!(changes == 0, "{changes}");
     }
 
     #[test]
@@ -130,6 +177,8 @@ mod tests {
         assert_eq!(nested(&[hall, cube(DVec3::new(10.0, 1.0, 10.0), 1.0)]), None);
         let corridor = Aabb { min: DVec3::ZERO, max: DVec3::new(60.0, 3.0, 3.0) };
         assert_eq!(nested(&[corridor, cube(DVec3::new(30.0, 1.0, 1.5), 1.0)]), None);
+        // No mesh that is a thing.
+        assert_eq!(nested(&[GROUND, hall.union(&GROUND)]), None);
         // All of it flat, and a point.
         assert_eq!(nested(&[Aabb { min: GROUND.min, max: GROUND.max }]), None);
         assert_eq!(nested(&[cube(DVec3::ONE, 0.0)]), None);

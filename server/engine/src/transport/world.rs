@@ -12,7 +12,7 @@ use super::{
 use crate::{
     accel::{Accel, AccelReport, Hit, Ray, SurfacePoint, TriangleId},
     math::Rgb,
-    scene::{Id, Scene, SceneChange},
+    scene::{Id, NestedBounds, Scene, SceneChange},
     transport::LightOrigin,
 };
 
@@ -21,6 +21,7 @@ use crate::{
 pub struct World {
     scene: Arc<Scene>,
     accel: Accel,
+    nested_bounds: Option<NestedBounds>,
     materials: Vec<PreparedMaterial>,
     /// Per instance: the material of each primitive, by index into `materials`.
     primitive_materials: Vec<Vec<u32>>,
@@ -84,12 +85,18 @@ impl World {
             (luminance > 0.0).then_some(Emission { luminance, two_sided: material.material().double_sided })
         };
         let lights = Lights::collect(&scene, &accel, emission_of);
-        World { scene, accel, materials, primitive_materials, has_masks, lights }
+        let nested_bounds = scene.nested_bounds();
+        World { scene, accel, nested_bounds, materials, primitive_materials, has_masks, lights }
     }
 
     /// The scene.
     pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
+    }
+
+    /// See [`Scene::nested_bounds`].
+    pub fn nested_bounds(&self) -> Option<&NestedBounds> {
+        self.nested_bounds.as_ref()
     }
 
     /// The trees.

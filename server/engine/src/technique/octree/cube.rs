@@ -60,7 +60,7 @@ impl Cube {
         if !(side_m > 0.0 && side_m.is_finite()) {
             return None;
         }
-        let nested = world.scene().nested_bounds().and_then(|bounds| {
+        let nested = world.nested_bounds().and_then(|bounds| {
             let [_, inner @ ..] = bounds.boxes.map(|of| around(&of));
             Nested::within((low, side_m), inner, 1 << depth).map(Arc::new)
         });
@@ -127,6 +127,20 @@ impl Cube {
         })
     }
 
+    /// Cells that a surface of an area in some bounds is about as large as, where it lies evenly along their two longest sides.
+    pub(super) fn area_in_cells(&self, area_m2: f64, bounds: [Vec3; 2]) -> f64 {
+        let [low, high] = bounds;
+        let cells = self.place_of(high) - self.place_of(low);
+        // Cells a metre.
+        let even = 1.0 / self.cell_m();
+        let mut along = [0, 1, 2].map(|axis| {
+            let side_m = high[axis] - low[axis];
+            (side_m, if side_m > 0.0 { cells[axis] / side_m } else { even })
+        });
+        along.sort_by(|a, b| b.0.total_cmp(&a.0));
+        area_m2 * f64::from(along[0].1) * f64::from(along[1].1)
+    }
+
     /// Sides of a cell, m.
     pub(super) fn size_of(&self, cell: UVec3) -> Vec3 {
         match &self.nested {
@@ -150,7 +164,7 @@ impl Cube {
 }
 
 impl Nested {
-    /// `None` where a cube is of no extent.
+    /// `None` where a cube is of no extent, or its cells of less than rounding leaves whole.
     fn within(whole: (Vec3, f32), inner: [(Vec3, f32); INNER], cells: u32) -> Option<Nested> {
         let mut around = whole;
         let inner = inner.map(|(low, side_m)| {

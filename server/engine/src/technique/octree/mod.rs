@@ -274,19 +274,30 @@ impl LightOctree {
 }
 
 /// Pieces that the surfaces of a scene are about cut into at a depth: a square cell's worth of wall reaches into two.
-///
-/// - `known`: an octree of this scene, or of the one before an edit
-fn pieces_at(world: &World, surfaces: &Surfaces, depth: u32, known: Option<&LightOctree>) -> f64 {
+fn pieces_at(world: &World, surfaces: &Surfaces, depth: u32) -> f64 {
     let Some(cube) = cube::Cube::around(world, depth) else { return 0.0 };
-    let area_of = |surfaces: &Surfaces| -> f64 {
-        (0..surfaces.count()).map(|surface| f64::from(surfaces.area_m2(surface))).sum()
+    let accel = world.accel();
+    let of_instance = |index: usize| {
+        let end = if index + 1 < accel.instances().len() {
+            surfaces.first_surface(index as u32 + 1)
+        } else {
+            surfaces.count()
+        };
+        let of_these = surfaces.first_surface(index as u32)..end;
+        let area_m2 = of_these.map(|surface| f64::from(surfaces.area_m2(surface))).sum::<f64>();
+        let bounds = accel.instances()[index].bounds_in_world();
+        cube.area_in_cells(area_m2, [bounds.min, bounds.max].map(|corner| accel.to_render(corner)))
     };
-    // As if all cells were as large.
-    let stretch = known
-        .map_or(1.0, |octree| (octree.voxels.area_m2 / area_of(octree.photons.maps.surfaces())).max(1.0));
-    let area_m2 = area_of(surfaces) * stretch;
+    let cells = match cube.nested {
+        None => {
+            let area_m2 =
+                (0..surfaces.count()).map(|surface| f64::from(surfaces.area_m2(surface))).sum::<f64>();
+            area_m2 / f64::from(cube.cell_m()).powi(2)
+        }
+        Some(_) => (0..accel.instances().len()).map(of_instance).sum(),
+    };
     let triangles = world.scene().instanced_triangle_count() as f64;
-    2.0 * area_m2 / f64::from(cube.cell_m()).powi(2) + triangles
+    2.0 * cells + triangles
 }
 
 /// Building the octree on the CPU, on the rayon pool it is called in.
@@ -345,10 +356,8 @@ impl OctreeBuilding {
     fn begin(&mut self, world: &World, photons: &Arc<PhotonProduct>) -> Option<Building> {
         let settings = self.settings;
         let mut depth = self.depth_next(photons);
-        let fits = |depth| {
-            pieces_at(world, photons.maps.surfaces(), depth, self.octree.as_deref())
-                <= OctreeSettings::PIECES_MAX as f64
-        };
+        let fits =
+            |depth| pieces_at(world, photons.maps.surfaces(), depth) <= OctreeSettings::PIECES_MAX as f64;
         let is_deeper = |octree: &Arc<LightOctree>| {
             octree.photons.generation == photons.generation && octree.depth() < depth
         };

@@ -521,16 +521,24 @@ mod tests {
     /// lies, also where corners lie in planes between cells.
     #[test]
     fn triangles_leave_the_same_pieces_from_their_own_cell_on() {
-        let mut small_count = 0;
-        for (index, low) in (0..4000u32).zip([0.0, -0.5, 1e3, -3e4].into_iter().cycle()) {
-            let cube = cube(Vec3::splat(low), 5, index);
+        let (mut small_count, mut nested_count) = (0, 0);
+        for (index, low) in (0..6000u32).zip([0.0, -0.5, 1e3, -3e4, -30.3].into_iter().cycle()) {
+            let cube = cube(Vec3::splat(low), 5, index / 5);
             let [x, y, z, size] = point(1, index);
-            let snap = |p: Vec3| if index % 3 == 0 { (p * 32.0).round() / 32.0 } else { p };
+            // Onto corners of cells.
+            let snap = |p: Vec3| match index % 3 {
+                0 => {
+                    let [x, y, z] = cube.place_of(p).round().as_uvec3().to_array().map(|cell| cell.min(31));
+                    let plane = |cell: u32| cube.corners(UVec3::splat(cell), cube.depth)[0];
+                    Vec3::new(plane(x).x, plane(y).y, plane(z).z)
+                }
+                _ => p,
+            };
             let middle = Vec3::new(x, y, z);
             let corners = [2u64, 3, 4].map(|key| {
                 let [x, y, z, _] = point(key, index);
                 let from_middle = (Vec3::new(x, y, z) - 0.5) * size.powi(4);
-                cube.low + snap((middle + from_middle).clamp(Vec3::ZERO, Vec3::splat(0.999)))
+                snap(cube.low + (middle + from_middle).clamp(Vec3::ZERO, Vec3::splat(0.95)))
             });
             let [a, b, c] = corners;
             let n = (b - a).cross(c - a).normalize_or_zero();
@@ -542,8 +550,9 @@ mod tests {
             };
             let (cell, level) = cube.around_all(corners);
             small_count += u32::from(level == cube.depth);
+            nested_count += u32::from(cube.nested.is_some() && low < -1.0 && level == cube.depth);
             assert_eq!(pieces_from(cell, level), pieces_from(UVec3::ZERO, 0), "{index}: {corners:?}");
         }
-        assert!(small_count > 400, "{small_count}");
+        assert!(small_count > 400 && nested_count > 30, "{small_count} {nested_count}");
     }
 }

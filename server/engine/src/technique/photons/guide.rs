@@ -89,7 +89,7 @@ impl SourcePhotons {
         self.strata.len() > 1
     }
 
-    /// Mean of [`crate::transport::Source::share_by_aim`] over a stratum, about.
+    /// Mean of [`crate::transport::Source::share_by_aim`] over a stratum, about; 1 of the sky, whose strata are of directions.
     fn share_by_aim(&self, stratum: u32) -> f32 {
         let strata = self.strata.len() as u32;
         let of = |rank| self.source.share_by_aim(&self.sequence.emission(rank * strata + stratum));
@@ -101,8 +101,8 @@ impl SourcePhotons {
         let Some(pilots) = self.strata[stratum as usize].first() else { return 0 };
         let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
         let square = |hit: &PhotonHit| f64::from(hit.weight.luminance()).powi(2);
-        // Where more are aimed at each carries less, and is worth no less to what is there.
-        let carried = f64::from(self.share_by_aim(stratum));
+        // Where more are aimed at each carries less, and is worth no less to what is there. Those that carry more are not to carry yet more.
+        let carried = f64::from(self.share_by_aim(stratum)).min(1.0);
         let squares = pilots.hits.iter().filter(is_mapped).map(square).sum::<f64>();
         let mapped = squares / (carried * carried).max(f64::MIN_POSITIVE);
         let escaped = pilots.paths.iter().filter_map(PhotonPath::escape).count();

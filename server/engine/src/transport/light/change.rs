@@ -61,7 +61,7 @@ pub(crate) fn change_of_lights(before: &World, after: &World) -> LightsChange {
     }
     let pair = |source| Some((*by_name.get(Source::name(source))?, source));
     let changed: Vec<(&Source, &Source)> =
-        new.iter().filter_map(pair).filter(|(a, b)| !a.emits_like(b)).collect();
+        new.iter().filter_map(pair).filter(|(a, b)| !a.shines_like(b)).collect();
     if changed.len() > LIGHTS_MAX {
         return LightsChange::ALL;
     }
@@ -78,8 +78,11 @@ fn numbers_of(number: u32) -> EmissionNumbers {
     EmissionNumbers { direction: [u, v], position: [s, t], side }
 }
 
-/// By how much each of some lights sends out more or less, if it is the same of all.
+/// By how much each of some lights sends out more or less, if it is the same of all, and all are aimed as before.
 fn common_dimming(before: &World, after: &World, changed: &[(&Source, &Source)]) -> Option<Rgb> {
+    if !changed.iter().all(|(a, b)| a.aims_like(b)) {
+        return None;
+    }
     let sent_w = |world: &World, source: &Source| {
         let weights = (0..PHOTONS).filter_map(|number| Some(world.emit(source, &numbers_of(number))?.weight));
         weights.fold(Rgb::BLACK, |sum, weight| sum + weight) * source.power_w() as f32
@@ -151,7 +154,7 @@ mod tests {
     use crate::{
         math::Rgb,
         scene::{
-            Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
+            Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
             samples::{Stage, cuboid},
         },
     };
@@ -173,6 +176,38 @@ mod tests {
         stage.light("lamp", lamp(place * size_m, intensity)).unwrap();
         stage.light("other", lamp(DVec3::new(3.5, 0.5, 0.5) * size_m, 1.0)).unwrap();
         World::prepare(Arc::new(stage.finish()))
+    }
+
+    /// Sun and sky bring the same to every place when things move below them, and when the scene grows and their photons are aimed at more:
+    /// neither has become brighter.
+    #[test]
+    fn sun_and_sky_stay_when_things_move() {
+        let under = |place: DVec3, is_sky: bool| {
+            let mut stage = Stage::default();
+            let grey = stage.material("grey", Material::default()).unwrap();
+            let ground = cuboid(DVec3::new(-30.0, -1.0, -30.0), DVec3::new(30.0, 0.0, 30.0), &grey);
+            stage.place("ground", ground, DAffine3::IDENTITY).unwrap();
+            let thing = cuboid(DVec3::ZERO, DVec3::splat(2.0), &grey);
+            stage.place("thing", thing, DAffine3::from_translation(place)).unwrap();
+            if is_sky {
+                let sky = Environment::Constant(Rgb::new(1.0, 2.0, 3.0));
+                stage.builder().set_environment(sky).unwrap();
+            } else {
+                let kind = LightKind::Directional { irradiance: Rgb::splat(3.0) };
+                let direction = DVec3::new(0.6, -0.8, 0.0);
+                stage.light("sun", Light { parent: None, position: DVec3::ZERO, direction, kind }).unwrap();
+            }
+            World::prepare(Arc::new(stage.finish()))
+        };
+        for is_sky in [false, true] {
+            let before = under(DVec3::ZERO, is_sky);
+            for place in [DVec3::new(21.0, 0.0, -8.0), DVec3::new(90.0, 0.0, 0.0)] {
+                let after = under(place, is_sky);
+                let [source, moved] = [&before, &after].map(|world| world.sources().remove(0));
+                assert!(!source.emits_like(&moved), "{place} is aimed at as well");
+                assert_eq!(change_of_lights(&before, &after), LightsChange::NONE, "{place} {is_sky}");
+            }
+        }
     }
 
     /// Nothing where lights stay, little where one goes a little way, all where it goes into the next room, as much as it gains or

@@ -111,12 +111,7 @@ impl Source {
 
     /// It shines from infinitely far, and most of its photons are aimed at things on wide ground.
     pub fn is_aimed(&self) -> bool {
-        match &self.kind {
-            SourceKind::Directional { target, .. } | SourceKind::Environment { target, .. } => {
-                target.is_uneven()
-            }
-            _ => false,
-        }
+        self.target().is_some_and(Target::is_uneven)
     }
 
     /// What a photon of light that goes one way carries because more or fewer are aimed at where it goes, over what it would if they were spread
@@ -131,15 +126,33 @@ impl Source {
         }
     }
 
+    /// What light from infinitely far is aimed at.
+    fn target(&self) -> Option<&Target> {
+        match &self.kind {
+            SourceKind::Directional { target, .. } | SourceKind::Environment { target, .. } => Some(target),
+            _ => None,
+        }
+    }
+
+    /// Both aim at the same, or neither does.
+    pub fn aims_like(&self, other: &Source) -> bool {
+        self.target() == other.target()
+    }
+
     /// True when both send out the very same photons for the same numbers.
     pub fn emits_like(&self, other: &Source) -> bool {
+        self.power_w == other.power_w && self.aims_like(other) && self.shines_like(other)
+    }
+
+    /// True when both bring the same light to every place, whatever their photons are aimed at.
+    pub fn shines_like(&self, other: &Source) -> bool {
         use SourceKind::*;
         let same_texture = |a: &Option<Arc<Texture>>, b: &Option<Arc<Texture>>| match (a, b) {
             (Some(a), Some(b)) => Arc::ptr_eq(a, b),
             (None, None) => true,
             _ => false,
         };
-        self.power_w == other.power_w
+        (self.target().is_some() || self.power_w == other.power_w)
             && match (&self.kind, &other.kind) {
                 (Point { position, intensity }, Point { position: p, intensity: i }) => {
                     (position, intensity) == (p, i)
@@ -149,17 +162,17 @@ impl Source {
                     Spot { position: p, axis: a, intensity: i, cos_inner: ci, cos_outer: co },
                 ) => (position, axis, intensity, cos_inner, cos_outer) == (p, a, i, ci, co),
                 (
-                    Directional { direction, irradiance, target },
-                    Directional { direction: d, irradiance: i, target: t },
-                ) => (direction, irradiance, target) == (d, i, t),
+                    Directional { direction, irradiance, .. },
+                    Directional { direction: d, irradiance: i, .. },
+                ) => (direction, irradiance) == (d, i),
                 (Surface(a), Surface(b)) => {
                     Arc::ptr_eq(&a.instance, &b.instance)
                         && a.first_triangle == b.first_triangle
                         && (Arc::ptr_eq(&a.material, &b.material) || a.material == b.material)
                         && a.textures.iter().zip(&b.textures).all(|(a, b)| same_texture(a, b))
                 }
-                (Environment { identity: a, target: s }, Environment { identity: b, target: t }) => {
-                    s == t && a.description == b.description && same_texture(&a.texture, &b.texture)
+                (Environment { identity: a, .. }, Environment { identity: b, .. }) => {
+                    a.description == b.description && same_texture(&a.texture, &b.texture)
                 }
                 _ => false,
             }

@@ -1,10 +1,11 @@
 //! What light from infinitely far is aimed at: the scene, and most of it where things stand closely.
 //!
 //! A house on a meadow, or a room with a window in it, fills a thousandth of what the scene covers as the sky sees it. Were photons spread
-//! evenly over that, the room would be lit by a handful. So boxes are nested between the scene's bounds and those of all that is not as large as the scene
-//! itself, each smaller than the one around it by the same factor, and an equal share of photons is spread over what each covers. The
-//! density of all together decides what a photon carries, so that the flux stays the same in the mean everywhere (balance heuristic,
-//! [Veach1997, 9.2]). It falls about as one over the squared distance from the things, and so does what a meadow sends to them.
+//! evenly over that, the room would be lit by a handful. So boxes are nested between the scene's bounds and those of all that is not as
+//! large as the scene itself, each smaller than the one around it by the same factor, and an equal share of photons is spread over what each
+//! covers. The density of all together decides what a photon carries, so that the flux stays the same in the mean everywhere (balance
+//! heuristic, [Veach1997, 9.2]): up to four times as much far away, as little as a thousandth at the things. The density falls about as one over the
+//! squared distance from these, and so does what a meadow sends to them.
 
 use glam::{Vec2, Vec3};
 
@@ -14,7 +15,7 @@ use crate::{
     transport::World,
 };
 
-/// A power of two, so that the shares are cells of [`super::EmissionNumbers`].
+/// A power of two: of light that goes one way, the shares are cells of [`super::EmissionNumbers`].
 const BOXES: usize = NestedBounds::COUNT;
 const _: () = assert!(BOXES.is_power_of_two());
 
@@ -35,15 +36,14 @@ struct Bounds {
 impl Target {
     /// Of a scene; `None` where nothing has surface.
     pub(super) fn of(world: &World) -> Option<Target> {
-        let scene = world.scene();
-        let whole = scene.bounds()?;
+        let whole = world.scene().bounds()?;
         let to_bounds = |bounds: &Aabb| {
             let [min, max] = [bounds.min, bounds.max].map(|corner| world.accel().to_render(corner));
             // Room for the rounding of corners: photons may miss the scene by a hair, never the other way round.
             let half = (max - min) * 0.5 * (1.0 + 1e-5) + min.abs().max(max.abs()) * 4.0 * f32::EPSILON;
             Bounds { middle: (min + max) * 0.5, half }
         };
-        let boxes = match scene.nested_bounds() {
+        let boxes = match world.nested_bounds() {
             Some(nested) => nested.boxes.map(|of| to_bounds(&of)),
             None => [to_bounds(&whole); BOXES],
         };
@@ -61,19 +61,17 @@ impl Target {
         let whole = &self.boxes[0];
         // Half the extent of a box along an axis of the frame.
         let reach = |of: &Bounds, axis: Vec3| axis.abs().dot(of.half);
-        let rectangles = self.boxes.map(|of| {
+        let rectangle_of = |of: Bounds| {
             let half = Vec2::new(reach(&of, frame.t), reach(&of, frame.b));
             let away = of.middle - whole.middle;
             Rectangle { corner: Vec2::new(frame.t.dot(away), frame.b.dot(away)) - half, size: half * 2.0 }
-        });
+        };
+        let is_uneven = self.is_uneven();
+        let rectangles =
+            if is_uneven { self.boxes.map(rectangle_of) } else { [rectangle_of(self.boxes[0]); BOXES] };
         // Before the box, also where the box is flat and seen face on.
         let distance_m = 1.1 * reach(whole, direction) + 0.1 * whole.half.length();
-        Across {
-            frame,
-            origin: whole.middle - direction * distance_m,
-            rectangles,
-            is_uneven: self.is_uneven(),
-        }
+        Across { frame, origin: whole.middle - direction * distance_m, rectangles, is_uneven }
     }
 }
 
