@@ -8,6 +8,7 @@ use crate::scenes::{CreateError, Origin, Scenes, Workshop};
 use crate::{shutdown, telemetry};
 use clap::Args;
 use std::error::Error;
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -95,9 +96,9 @@ impl ServeArgs {
             .into());
         }
         // First the port: who starts a second server by mistake learns it before a minute of loading.
-        let listener = TcpListener::bind(&config.listen)
-            .await
-            .map_err(|error| format!("cannot listen on {}: {error}", config.listen))?;
+        let listener = TcpListener::bind(&config.listen).await.map_err(|error| {
+            format!("cannot listen on {}: {error}{}", config.listen, advice_on(error.kind()))
+        })?;
         let address = listener.local_addr()?;
         let stop_after = Duration::from_secs(config.shutdown_seconds.into());
         let workshop = Arc::new(Workshop::open(config)?);
@@ -216,9 +217,35 @@ fn greeting(address: SocketAddr, scenes: &Scenes) -> String {
     lines.join("\n")
 }
 
+/// What to do where it cannot be listened.
+fn advice_on(kind: ErrorKind) -> &'static str {
+    match kind {
+        ErrorKind::AddrInUse => {
+            ": end the program that listens there, or choose another port with --listen, such as 0 for any that is free"
+        }
+        ErrorKind::InvalidInput => ": expected HOST:PORT, such as 127.0.0.1:7171",
+        ErrorKind::AddrNotAvailable => {
+            ": this machine has no such address; 127.0.0.1 is for its own programs, 0.0.0.0 for all"
+        }
+        ErrorKind::PermissionDenied => ": ports below 1024 are often for the system alone",
+        _ => "",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Who may not listen somewhere is told what to do, and by the system's own kinds of errors.
+    #[tokio::test]
+    async fn who_cannot_listen_is_advised() {
+        let taken = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = taken.local_addr().unwrap().to_string();
+        for (address, advice) in [(address.as_str(), "another port"), ("7171", "HOST:PORT")] {
+            let error = TcpListener::bind(address).await.unwrap_err();
+            assert!(advice_on(error.kind()).contains(advice), "{address}: {error:?}");
+        }
+    }
 
     /// Files of one stem in two folders, a file named like a built-in scene, and names that become one id are told apart from others.
     #[test]

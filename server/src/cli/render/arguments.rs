@@ -188,7 +188,11 @@ impl OutputFormat {
 
 fn parse_size(value: &str) -> Result<PictureSize, String> {
     let (width, height) = value.split_once('x').ok_or("expected WIDTHxHEIGHT, such as 1280x720")?;
-    let side = |side: &str| u32::from_str(side).map_err(|_| format!("{side:?} is not a number of pixels"));
+    let side = |side: &str| {
+        u32::from_str(side).map_err(|_| {
+            format!("{side:?} is not a number of pixels: expected WIDTHxHEIGHT, such as 1280x720")
+        })
+    };
     PictureSize::new(side(width)?, side(height)?).map_err(|error| error.to_string())
 }
 

@@ -6,8 +6,8 @@ use super::arguments::EXPOSURE_MAX;
 
 /// What a picture's middle pixel is to shine with after exposure to be shown as a middle grey, about, by whichever tone map.
 const GREY: f32 = 0.18;
-/// Stops from there from which on a picture counts as dark or blown out: without a tone map sRGB shows a hundredth as 25 of 255.
-const STOPS_OFF: f32 = 4.0;
+/// Stops from there from which on a picture counts as dark or blown out: without a tone map sRGB shows so little as 34 of 255.
+const STOPS_OFF: f32 = 3.5;
 
 /// Says which exposure would show a picture whose lit pixels are, half of them, far too dark or far too bright; nothing where they are not,
 /// and where no pixel is lit.
