@@ -16,11 +16,11 @@ const SMALLER: f64 = 0.5;
 const SURFACE_RATIO_MIN: f64 = 4.0;
 /// Room around the smaller things, in shares of their largest side, beside what rounding up leaves: from the ground around a house comes
 /// most of the light that falls in at its windows from below.
-const AROUND: f64 = 0.2;
+const AROUND: f64 = 0.3;
 /// Sides of the inner box are so many to an octave, and its middle lies on a grid of this share of them, so that most edits leave it, and all
 /// photons of sun and sky with it …
 const STEPS_AN_OCTAVE: f64 = 4.0;
-const GRID_OF_SIDE: f64 = 0.25;
+const GRID_OF_SIDE: f64 = 0.125;
 /// … which does not begin at a round share of the scene, where things tend to stand.
 const GRID_OFF: f64 = 0.0371;
 
@@ -147,7 +147,7 @@ mod tests {
         assert!(sizes[3] < 40.0, "{sizes:?}");
     }
 
-    /// Of a hundred steps along a house one or two change the boxes, and the house is in the inner one all the way.
+    /// Of a hundred steps of 4 cm at most five change the boxes of a house of 4 m, and the house is in the inner one all the way.
     #[test]
     fn most_moves_leave_them() {
         let at = |x: f64| {
@@ -158,7 +158,7 @@ mod tests {
         };
         let changes =
             (0..400).filter(|step| at(0.04 * f64::from(*step)) != at(0.04 * f64::from(step + 1))).count();
-        assert!((1..=8).contains(&changes), "{changes}");
+        assert!((1..=20).contains(&changes), "{changes}");
         let house = [cube(DVec3::new(0.0, 3.0, 0.0), 4.0), cube(DVec3::new(7.0, 3.0, 1.0), 4.0)];
         let with = |x: f64| nested(&[GROUND, house[0], house[1], cube(DVec3::new(x, 1.0, 1.0), 0.5)]);
         let changes =
