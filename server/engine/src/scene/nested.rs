@@ -17,6 +17,9 @@ const SURFACE_RATIO_MIN: f64 = 4.0;
 /// Room around the smaller things, in shares of their largest side, beside what rounding up leaves: from the ground around a house comes
 /// most of the light that falls in at its windows from below.
 const AROUND: f64 = 0.3;
+/// Sides of the inner box over the scene's largest, at least: with less, what photons carry and how large cells are would change by more than
+/// four and sixteen times from one box to the next, and cells of the deepest octree would end below single precision.
+const LEAST_SHARE: f64 = 1.0 / 64.0;
 /// Sides of the inner box are so many to an octave, and its middle lies on a grid of this share of them, so that most edits leave it, and all
 /// photons of sun and sky with it …
 const STEPS_AN_OCTAVE: f64 = 4.0;
@@ -54,7 +57,8 @@ impl NestedBounds {
         let along = |axis: usize| {
             let (low, side) = (whole.min[axis], size[axis]);
             let (from, to) = (things.min[axis] - room - low, things.max[axis] + room - low);
-            let Some(inner) = side_of_inner(to - from, side) else { return (low, low + side) };
+            let least = (to - from).max(LEAST_SHARE * largest);
+            let Some(inner) = side_of_inner(least, side) else { return (low, low + side) };
             let grid = GRID_OF_SIDE * inner;
             let middle = (((from + to) * 0.5 / grid - GRID_OFF).round() + GRID_OFF) * grid;
             let at = |offset: f64| low + (middle + offset).clamp(0.0, side);
@@ -145,6 +149,10 @@ mod tests {
             assert!((a / b / (b / c) - 1.0).abs() < 1e-9, "{sizes:?}");
         }
         assert!(sizes[3] < 40.0, "{sizes:?}");
+        // Of a vase some ground as well.
+        let vase =
+            nested(&[GROUND, cube(DVec3::new(3.0, 0.1, 5.0), 0.1)]).expect("much ground around").boxes[3];
+        assert!((vase.max - vase.min).max_element() >= 600.0 / 64.0, "{vase:?}");
     }
 
     /// Of a hundred steps of 4 cm at most five change the boxes of a house of 4 m, and the house is in the inner one all the way.
