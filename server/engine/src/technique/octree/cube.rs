@@ -2,8 +2,9 @@
 //!
 //! Where the scene's smaller things fill it all cells are as large. Where wide ground lies around them, cells are small where they
 //! are and grow with the distance: along each axis the places of cells are the mean of those of cubes around
-//! [`NestedBounds`], which photons of sun and sky are aimed at likewise. So a cell gets about as many photons wherever it lies, and all
-//! that is told in sides of a cell holds everywhere.
+//! [`NestedBounds`], which photons of sun and sky are aimed at likewise. So cells get about as many photons for the square of their longest
+//! side wherever they lie, and all that is told in sides of a cell holds everywhere. Beside a small cube, in line with it along one axis
+//! alone, cells are long: short along that axis, and as long along the others as they would be far away.
 
 use std::sync::Arc;
 

@@ -1,6 +1,7 @@
 //! Light octree: photons summed up per cell as a few directional lights, for look-ups at the speed of shading.
 //!
-//! The scene's cube is halved `depth` times where there is surface (`voxels.rs`). In every cell each group of surfaces that
+//! The scene's cube is halved `depth` times where there is surface (`voxels.rs`), evenly in places that lie closer where things stand on
+//! wide ground (`cube.rs`). In every cell each group of surfaces that
 //! face about one way gathers its nearest photons and keeps them as at most eight virtual directional lights
 //! (`build.rs`, `cluster.rs`). A look-up blends the eight cells around a point, of each only the group that faces like the
 //! surface and whose plane is nearest, renormalised over those that have one [Vivanloc2007]; groups off the surface's plane

@@ -30,7 +30,7 @@ pub(super) const BLOCK: u32 = 64;
 pub struct PhotonHit {
     /// Where, in render space.
     pub position: Vec3,
-    /// Flux in shares of the source's flux per photon; of luminance about 1.
+    /// Flux in shares of the source's flux per photon; of luminance about 1, but for light that is aimed, see [`Source::is_aimed`].
     pub weight: Rgb,
     /// Index of the triangle.
     pub triangle: u32,

@@ -82,7 +82,8 @@ pub struct EmissionNumbers {
 pub struct EmittedPhoton {
     /// Its first ray.
     pub ray: Ray,
-    /// Its flux in shares of the source's power divided by the number of photons: of luminance about 1.
+    /// Its flux in shares of the source's power divided by the number of photons: of luminance about 1; of light that
+    /// [is aimed](Source::is_aimed) 4 far from what it is aimed at, down to a thousandth there.
     pub weight: Rgb,
 }
 
