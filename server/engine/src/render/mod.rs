@@ -588,7 +588,8 @@ fn step_on(
 /// Settings of a path tracer of all that is to be seen.
 fn all_paths(settings: &RenderSettings) -> PathSettings {
     let shown = settings.effects.shown();
-    PathSettings { shown, traced: shown, ..PathSettings::all(settings.bounces_max, settings.seed) }
+    let all = PathSettings::all(settings.bounces_max, settings.seed);
+    PathSettings { shown, traced: shown, knows_openings: true, ..all }
 }
 
 /// The same for the film beside one of looked-up light, with numbers of its own: its samples are independent of the other's.

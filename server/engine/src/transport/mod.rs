@@ -18,8 +18,8 @@ pub use flight::Flight;
 #[cfg(feature = "gpu")]
 pub(crate) use flight::STRAIGHT_COS;
 pub use light::{
-    Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Source, SourceName,
-    Sphere,
+    Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Opening, Source,
+    SourceName, Sphere,
 };
 pub(crate) use light::{LightsChange, change_of_lights};
 pub use path_class::{PathClass, PathClasses, Scatter};

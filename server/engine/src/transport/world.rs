@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use super::{
     Lights, Surface,
-    light::{Emission, EnvironmentLight},
+    light::{Emission, EnvironmentLight, Opening, Openings},
     surface::PreparedMaterial,
 };
 use crate::{
@@ -28,6 +28,8 @@ pub struct World {
     /// Some surface is cut by an alpha mask; without one, rays never ask.
     has_masks: bool,
     lights: Lights,
+    /// `None` without an environment.
+    openings: Option<Openings>,
 }
 
 /// A ray from a surface to a light.
@@ -45,7 +47,7 @@ pub struct ShadowRay {
 pub struct WorldReport {
     /// Trees.
     pub accel: AccelReport,
-    /// Bytes of lights and their tree.
+    /// Bytes of lights, their tree, and what is known of where the environment shows.
     pub light_bytes: usize,
     /// Bytes of meshes.
     pub mesh_bytes: usize,
@@ -86,7 +88,9 @@ impl World {
         };
         let lights = Lights::collect(&scene, &accel, emission_of);
         let nested_bounds = scene.nested_bounds();
-        World { scene, accel, nested_bounds, materials, primitive_materials, has_masks, lights }
+        let is_open = lights.has_environment();
+        let openings = is_open.then(|| Openings::of(&scene, nested_bounds.as_ref(), &accel)).flatten();
+        World { scene, accel, nested_bounds, materials, primitive_materials, has_masks, lights, openings }
     }
 
     /// The scene.
@@ -97,6 +101,12 @@ impl World {
     /// See [`Scene::nested_bounds`].
     pub fn nested_bounds(&self) -> Option<&NestedBounds> {
         self.nested_bounds.as_ref()
+    }
+
+    /// Where the environment shows about `p` from a surface that faces `n`; `None` where there is none, where it shows nowhere, or where most
+    /// of it does. Whoever asks first of a place sends the rays that tell it: a few hundred.
+    pub fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
+        self.openings.as_ref()?.at(self, p, n)
     }
 
     /// The trees.
@@ -113,7 +123,7 @@ impl World {
     pub fn report(&self) -> WorldReport {
         WorldReport {
             accel: self.accel.report(),
-            light_bytes: self.lights.bytes(),
+            light_bytes: self.lights.bytes() + self.openings.as_ref().map_or(0, Openings::bytes),
             mesh_bytes: self.scene.meshes().values().map(|mesh| mesh.bytes()).sum(),
             texture_bytes: self.scene.textures().values().map(|texture| texture.bytes()).sum(),
         }

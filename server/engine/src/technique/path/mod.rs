@@ -68,12 +68,21 @@ pub struct PathSettings {
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
+    /// A sky is drawn from where it shows ([`World::opening_at`]): less noise in rooms, and no other light. Paths on a card do without.
+    pub knows_openings: bool,
 }
 
 impl PathSettings {
     /// All paths.
     pub fn all(bounces_max: Option<u32>, seed: u64) -> PathSettings {
-        PathSettings { shown: PathClasses::ALL, traced: PathClasses::ALL, asks: false, bounces_max, seed }
+        PathSettings {
+            shown: PathClasses::ALL,
+            traced: PathClasses::ALL,
+            asks: false,
+            bounces_max,
+            seed,
+            knows_openings: false,
+        }
     }
 
     /// The first sample of each half of a pixel's for which what lies near shadows known light. Never where scatterings are bounded:

@@ -7,6 +7,7 @@ use std::{
 
 use glam::Vec3;
 
+use super::Opening;
 use crate::{
     math::{Frame, Rgb, warp},
     scene::{Encoding, Environment, Scene, Texture},
@@ -74,6 +75,31 @@ impl EnvironmentLight {
             EnvironmentLight::Constant(_) => warp::cosine_hemisphere_pdf(n.dot(wi)),
             EnvironmentLight::Image(image) => image.pdf(wi),
         }
+    }
+
+    /// The same where it is known where the environment shows: with a fixed chance from there.
+    pub(in crate::transport) fn sample_through(
+        &self,
+        opening: Option<&Opening>,
+        n: Vec3,
+        u: [f32; 2],
+    ) -> Option<(Vec3, f32)> {
+        let Some(opening) = opening else { return self.sample(n, u) };
+        let [which, other] = u;
+        let wi = if which < Opening::SHARE {
+            opening.draw([which / Opening::SHARE, other])
+        } else {
+            self.sample(n, [(which - Opening::SHARE) / (1.0 - Opening::SHARE), other])?.0
+        };
+        let pdf = self.pdf_through(Some(opening), n, wi);
+        (pdf > 0.0).then_some((wi, pdf))
+    }
+
+    /// Density of [`EnvironmentLight::sample_through`] at `wi`, 1/sr.
+    pub(in crate::transport) fn pdf_through(&self, opening: Option<&Opening>, n: Vec3, wi: Vec3) -> f32 {
+        let anywhere = self.pdf(n, wi);
+        opening
+            .map_or(anywhere, |opening| (1.0 - Opening::SHARE) * anywhere + Opening::SHARE * opening.pdf(wi))
     }
 
     /// Bytes of its tables.

@@ -5,6 +5,7 @@
 
 mod change;
 mod environment;
+mod openings;
 mod source;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,8 @@ use glam::Vec3;
 
 pub(crate) use self::change::{LightsChange, change_of_lights};
 pub(in crate::transport) use self::environment::EnvironmentLight;
+pub use self::openings::Opening;
+pub(in crate::transport) use self::openings::Openings;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::tree::{LightBounds, LightTree};
 use crate::{
@@ -265,7 +268,16 @@ impl Lights {
 
     /// Draws a light for the point `p` whose surface faces `n` (zero vector: faces anywhere), with numbers `u`
     /// (choice, two for the place on it). `None`: no light for these numbers.
-    pub fn sample(&self, accel: &Accel, p: Vec3, n: Vec3, u: [f32; 3]) -> Option<LightSample> {
+    ///
+    /// - `opening`: where the sky shows from there, asked if that is the light
+    pub fn sample<'a>(
+        &self,
+        accel: &Accel,
+        p: Vec3,
+        n: Vec3,
+        opening: impl FnOnce() -> Option<&'a Opening>,
+        u: [f32; 3],
+    ) -> Option<LightSample> {
         let (each, tree_share) = self.shares();
         if u[0] < tree_share {
             let (light, chance) = self.tree.sample(p, n, u[0] / tree_share)?;
@@ -284,7 +296,7 @@ impl Lights {
             });
         }
         let environment = self.environment.as_ref()?;
-        let (wi, pdf) = environment.sample(n, [u[1], u[2]])?;
+        let (wi, pdf) = environment.sample_through(opening(), n, [u[1], u[2]])?;
         Some(LightSample {
             wi,
             radiance: environment.radiance(wi),
@@ -357,8 +369,10 @@ impl Lights {
     }
 
     /// Density with which [`Lights::sample`] draws `wi` from the environment.
-    pub fn pdf_of_environment(&self, n: Vec3, wi: Vec3) -> f32 {
-        self.environment.as_ref().map_or(0.0, |environment| environment.pdf(n, wi) * self.shares().0)
+    pub fn pdf_of_environment(&self, n: Vec3, opening: Option<&Opening>, wi: Vec3) -> f32 {
+        self.environment
+            .as_ref()
+            .map_or(0.0, |environment| environment.pdf_through(opening, n, wi) * self.shares().0)
     }
 }
 

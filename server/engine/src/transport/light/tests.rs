@@ -36,7 +36,7 @@ fn mean_over_samples(
     for i in 0..count {
         // Unstratified numbers: the standard error of the mean is then that of independent draws.
         let [a, b, c, _] = point(u64::from(i) + 1, 0);
-        let sample = world.lights().sample(world.accel(), at.position, at.n_geo, [a, b, c]);
+        let sample = world.lights().sample(world.accel(), at.position, at.n_geo, || None, [a, b, c]);
         statistics.add(sample.map_or(0.0, |sample| value(&sample)));
     }
     statistics
@@ -402,9 +402,10 @@ fn environment_directions_follow_their_density() {
         let mut seen = vec![0.0; COLUMNS * ROWS];
         for i in 0..count {
             let [a, b, c, _] = point(u64::from(i) + 1, 0);
-            let sample = world.lights().sample(world.accel(), at.position, at.n_geo, [a, b, c]).unwrap();
+            let sample =
+                world.lights().sample(world.accel(), at.position, at.n_geo, || None, [a, b, c]).unwrap();
             seen[bin_of(sample.wi)] += 1.0;
-            let again = world.lights().pdf_of_environment(at.n_geo, sample.wi);
+            let again = world.lights().pdf_of_environment(at.n_geo, None, sample.wi);
             assert!((again / sample.pdf - 1.0).abs() < 1e-5);
         }
         let (mut chi2, mut freedom, mut total) = (0.0, -1.0, 0.0);
@@ -418,7 +419,7 @@ fn environment_directions_follow_their_density() {
                 let sin_theta = f64::from(wi.x).hypot(f64::from(wi.z));
                 let cell_sr = std::f64::consts::TAU * std::f64::consts::PI * sin_theta
                     / (COLUMNS * ROWS * FINE * FINE) as f64;
-                share += f64::from(world.lights().pdf_of_environment(at.n_geo, wi)) * cell_sr;
+                share += f64::from(world.lights().pdf_of_environment(at.n_geo, None, wi)) * cell_sr;
             }
             total += share;
             let expected = share * f64::from(count);

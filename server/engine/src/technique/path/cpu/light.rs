@@ -1,12 +1,14 @@
 //! Light that paths find of the lights themselves: by chance where they go, and by sampling a light from every surface that has a density;
 //! each weighed by what the other would have brought.
 
+use glam::Vec3;
+
 use super::{Followed, Path, Tracer};
 use crate::{
     accel::Hit,
     film::PixelSample,
     technique::{Guidance, path::Tally},
-    transport::{PathClass, Scatter, Surface, bsdf::LobeValue},
+    transport::{Opening, PathClass, Scatter, Surface, bsdf::LobeValue},
 };
 
 /// Power heuristic for one sample of each of two densities [Veach1997, 9.2.4], safe where squares overflow.
@@ -28,7 +30,11 @@ impl Tracer<'_> {
             return;
         }
         let weight = path.last.as_ref().map_or(1.0, |last| {
-            let light_pdf = self.world.lights().pdf_of_environment(last.n, path.ray.direction);
+            let light_pdf = self.world.lights().pdf_of_environment(
+                last.n,
+                self.opening_at(last.position, last.n),
+                path.ray.direction,
+            );
             power_heuristic(last.pdf_solid_angle, light_pdf)
         });
         sample.radiance[path.class as usize] += path.throughput * radiance * weight;
@@ -62,6 +68,11 @@ impl Tracer<'_> {
         sample.radiance[path.class as usize] += path.throughput * surface.emitted * weight;
     }
 
+    /// Where the sky shows, as light sampling knows it.
+    fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
+        if self.settings.knows_openings { self.world.opening_at(p, n) } else { None }
+    }
+
     /// Light sampling: one light, each lobe weighed by itself.
     ///
     /// - `followed`: the rays that go on from here, which light sampling competes with
@@ -82,8 +93,9 @@ impl Tracer<'_> {
         let lights = self.world.lights();
         // Glass bases scatter to the side they are seen from, which the frame's normal need not be on.
         let facing = if path.ray.direction.dot(n) > 0.0 { -n } else { n };
-        let Some(light) = lights.sample(self.world.accel(), surface.point.position, facing, [choice, u, v])
-        else {
+        let p = surface.point.position;
+        let opening = || self.opening_at(p, facing);
+        let Some(light) = lights.sample(self.world.accel(), p, facing, opening, [choice, u, v]) else {
             return;
         };
         let wo = -path.ray.direction;

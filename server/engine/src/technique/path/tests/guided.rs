@@ -8,7 +8,7 @@ use super::in_white_surroundings;
 use crate::{
     film::PictureSize,
     math::{Rgb, RunningStatistics, sobol::PixelSampler, warp},
-    scene::{CameraView, Light, LightKind, Material, Scene, samples},
+    scene::{CameraView, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits, samples},
     technique::{
         Flight, Guide, PhotonProduct, Products, Step, Technique,
         path::{Counts, PathSettings, Tracer, View, cpu::primary_ray},
@@ -21,16 +21,28 @@ const SIDE: u32 = 12;
 
 /// Means over the picture by class, of `passes` samples a pixel each, and the rays of all.
 fn seen(world: &World, guide: Option<&Guide>, runs: u32, passes: u32) -> (Vec<RunningStatistics>, Counts) {
+    seen_as(PathSettings::all(None, 3), world, guide, runs, passes)
+}
+
+fn seen_as(
+    settings: PathSettings,
+    world: &World,
+    guide: Option<&Guide>,
+    runs: u32,
+    passes: u32,
+) -> (Vec<RunningStatistics>, Counts) {
     let view = world.scene().camera_view(None).unwrap();
     let view = View::new(world, &view, PictureSize::new(SIDE, SIDE).unwrap());
-    let tracer = Tracer { view: Some(&view), guide, ..Tracer::of(world, PathSettings::all(None, 3)) };
+    let tracer = Tracer { view: Some(&view), guide, ..Tracer::of(world, settings) };
+    // Compared with each other are independent ones.
+    let seed = u64::from(guide.is_some()) + 2 * u64::from(settings.knows_openings);
     let mut counts = Counts::default();
     let mut found = vec![RunningStatistics::default(); PathClass::ALL.len() + 1];
     for run in 0..runs {
         let mut sums = [0.0; PathClass::ALL.len() + 1];
         for (pixel, index) in (0..SIDE * SIDE).flat_map(|pixel| (0..passes).map(move |index| (pixel, index)))
         {
-            let sampler = PixelSampler::new(u64::from(guide.is_some()), run, pixel, index);
+            let sampler = PixelSampler::new(seed, run, pixel, index);
             let ray = primary_ray(&view, pixel % SIDE, pixel / SIDE, &sampler);
             let sample = tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut counts);
             let classes = sample.radiance.map(|radiance| f64::from(radiance.mean()));
@@ -90,6 +102,22 @@ fn guidance_takes_nothing_of_the_truth() {
     let (_, wrong) = traced(lit_corner());
     let (misled, _) = seen(&world, wrong.guide(), 40, 16);
     assert_same(&misled, &plain, "of another scene");
+}
+
+/// In a room with a window, paths that know where the sky shows see the same light of every class, and of what falls straight from the sky
+/// with less noise, though much of the picture is outside.
+#[test]
+fn a_sky_is_found_through_windows_without_loss() {
+    let mut builder = SceneBuilder::from_scene(&samples::room_on_ground().unwrap(), SceneLimits::default());
+    builder.remove_light("sun").unwrap();
+    let world = World::prepare(Arc::new(builder.finish().0));
+    let settings = PathSettings::all(None, 3);
+    let (plain, _) = seen_as(settings, &world, None, 60, 16);
+    let (knowing, _) = seen_as(PathSettings { knows_openings: true, ..settings }, &world, None, 60, 16);
+    assert_same(&knowing, &plain, "room");
+    let direct = PathClass::Direct as usize;
+    let [knowing, plain] = [&knowing, &plain].map(|found| found[direct].variance());
+    assert!(knowing < plain / 1.6, "{knowing} for {plain}");
 }
 
 /// Photons that fell all over a ball or on walls around it, all from one side.
