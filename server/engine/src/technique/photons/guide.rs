@@ -12,7 +12,7 @@
 
 use super::{
     PhotonTracing,
-    paths::{BLOCK, Block, BlockName, PhotonHit, PhotonPath, SourcePhotons},
+    paths::{BLOCK, Block, BlockName, PhotonHit, PhotonPath, PhotonPaths, SourcePhotons},
 };
 use crate::technique::MAPPED;
 
@@ -96,9 +96,17 @@ impl SourcePhotons {
         (0..AIMED).map(of).sum::<f32>() / AIMED as f32
     }
 
-    /// How often the photons of a stratum are to be halved by what its pilots met.
+    /// How often the photons of a stratum are to be halved by what its pilots met, as far as there are enough of them.
     fn halvings_wanted(&self, stratum: u32) -> u32 {
-        let Some(pilots) = self.strata[stratum as usize].first() else { return 0 };
+        let others = self.full_count_in(stratum).saturating_sub(BLOCK);
+        let possible = (others / OTHERS_MIN).max(1).ilog2();
+        self.halvings_of_many(stratum).min(possible)
+    }
+
+    /// The same of as many as it takes.
+    fn halvings_of_many(&self, stratum: u32) -> u32 {
+        let pilots = self.strata[stratum as usize].first().filter(|_| self.is_thinnable());
+        let Some(pilots) = pilots else { return 0 };
         let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
         let square = |hit: &PhotonHit| f64::from(hit.weight.luminance()).powi(2);
         // Where more are aimed at each carries less, and is worth no less to what is there. Those that carry more are not to carry yet more.
@@ -109,8 +117,38 @@ impl SourcePhotons {
         let rays = (pilots.hits.len() + escaped) as f64;
         let found = (mapped + PRIOR[0]) / (rays + PRIOR[1]);
         let halvings = (0.5 * (FULL_YIELD / found).log2()).round().max(0.0) as u32;
-        let others = self.full_count_in(stratum).saturating_sub(BLOCK);
-        let possible = (others / OTHERS_MIN).max(1).ilog2();
-        halvings.min(HALVINGS_MAX).min(possible)
+        halvings.min(HALVINGS_MAX)
+    }
+}
+
+/// What becomes of each photon that lights are to emit where so many are that strata can be thinned out as their pilots say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinnedOut {
+    /// How many are sent out.
+    pub sent: f64,
+    /// At how many surfaces they are kept.
+    pub kept: f64,
+}
+
+impl PhotonPaths {
+    /// By the pilots and the others that are traced; all are, and kept nowhere, where there are none.
+    pub fn thinned_out(&self) -> ThinnedOut {
+        let (mut all, mut sent, mut kept) = (0.0, 0.0, 0.0);
+        for photons in &self.sources {
+            for (stratum, blocks) in (0..).zip(&photons.strata) {
+                let full = f64::from(photons.full_count_in(stratum));
+                let left = full * 0.5f64.powi(photons.halvings_of_many(stratum) as i32);
+                let [paths, hits] = blocks.iter().fold([0.0, 0.0], |[paths, hits], block| {
+                    [paths + block.paths.len() as f64, hits + block.hits.len() as f64]
+                });
+                all += full;
+                sent += left;
+                kept += left * hits / f64::max(paths, 1.0);
+            }
+        }
+        match all > 0.0 {
+            true => ThinnedOut { sent: sent / all, kept: kept / all },
+            false => ThinnedOut { sent: 1.0, kept: 0.0 },
+        }
     }
 }

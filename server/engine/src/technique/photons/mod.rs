@@ -29,6 +29,7 @@ use std::{
 use rayon::prelude::*;
 
 pub use self::{
+    guide::ThinnedOut,
     paths::{PhotonHit, PhotonPath, PhotonPaths},
     selective::{EditCounts, ProbeCounts},
     trace::FluxTally,

@@ -8,7 +8,7 @@ use std::{
 
 use glam::{DAffine3, DVec3};
 
-use super::{PhotonSettings, PhotonTracing};
+use super::{PhotonPaths, PhotonSettings, PhotonTracing, ThinnedOut};
 use crate::{
     math::Rgb,
     scene::{
@@ -320,6 +320,27 @@ fn what_tells_little_gets_few_photons() {
         let gain = found / (found_plain / plain_paths);
         assert!(gain > 1.5, "{gain} times as many of them tell something");
     }
+}
+
+/// How many are sent and kept of many is foreseen by a few that could not be thinned out.
+#[test]
+fn what_is_left_of_many_is_foreseen() {
+    let shares_of = |paths: &PhotonPaths| {
+        let full = paths.full_count() as f64;
+        [paths.path_count() as f64 / full, paths.hit_count() as f64 / full]
+    };
+    for (scene, few, many) in
+        [(courtyard(), 6_000, 2_000_000), (samples::cornell_box().unwrap(), 6_000, 100_000)]
+    {
+        let of_few = traced(scene.clone(), emitting(few));
+        let [sent, _] = shares_of(of_few.paths());
+        assert!(sent > 0.95, "{sent} of a few are sent");
+        let foreseen = of_few.paths().thinned_out();
+        let [sent, kept] = shares_of(traced(scene, emitting(many)).paths());
+        assert!((foreseen.sent / sent - 1.0).abs() < 0.2, "{foreseen:?}: {sent}");
+        assert!((foreseen.kept / kept - 1.0).abs() < 0.2, "{foreseen:?}: {kept}");
+    }
+    assert_eq!(PhotonPaths::default().thinned_out(), ThinnedOut { sent: 1.0, kept: 0.0 });
 }
 
 /// Photons added to those that are there are those of a fresh trace, path for path, and only what is new is traced.
