@@ -44,7 +44,8 @@ impl Rendering {
     /// - `seed`: other than that of the picture
     pub fn measured_afresh(&self, seed: u64) -> Option<MeasuredError> {
         let measuring = self.measuring.as_ref()?;
-        let settings = PathSettings { seed, ..all_paths(&self.settings) };
+        let all = all_paths(&self.settings);
+        let settings = PathSettings { seed, knows_openings: self.is_guided(), ..all };
         let hidden = measuring.hidden.as_ref().map(|_| {
             let settings = RenderSettings { seed, ..self.settings };
             HiddenHalves::new(HiddenLight::new(&settings, self.size(), HiddenFor::Measure))

@@ -271,6 +271,7 @@ impl Rendering {
         let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
         let on_gpu = OnGpu { drawing, learning: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
         self.gpu = Some(Box::new(on_gpu));
+        self.measuring.iter_mut().for_each(super::Measuring::go_without_openings);
         self.gpu_failure = None;
     }
 

@@ -123,6 +123,12 @@ impl Measuring {
         }
     }
 
+    /// Pixels are traced as a card draws from now on: by the noise of the one it is judged what the other is worth.
+    #[cfg(feature = "gpu")]
+    pub(super) fn go_without_openings(&mut self) {
+        self.gauge.go_without_openings();
+    }
+
     /// What a path-traced sample costs and how noisy it is; `None` while too little is known.
     pub(super) fn cost(&self) -> Option<SampleCost> {
         self.gauge.cost()

@@ -88,8 +88,8 @@ impl World {
         };
         let lights = Lights::collect(&scene, &accel, emission_of);
         let nested_bounds = scene.nested_bounds();
-        let is_open = lights.has_environment();
-        let openings = is_open.then(|| Openings::of(&scene, nested_bounds.as_ref(), &accel)).flatten();
+        let has_sky = lights.has_environment();
+        let openings = has_sky.then(|| Openings::of(&scene, nested_bounds.as_ref(), &accel)).flatten();
         World { scene, accel, nested_bounds, materials, primitive_materials, has_masks, lights, openings }
     }
 
@@ -103,8 +103,9 @@ impl World {
         self.nested_bounds.as_ref()
     }
 
-    /// Where the environment shows about `p` from a surface that faces `n`; `None` where there is none, where it shows nowhere, or where most
-    /// of it does. Whoever asks first of a place sends the rays that tell it: a few hundred.
+    /// Where the environment shows about `p` from a surface that faces `n`; `None` where there is none, where it shows nowhere, or where so
+    /// much of it does that to know more would not help. Whoever asks first of a place sends the rays that tell it: 400, and 1,200 more the first
+    /// of its surroundings.
     pub fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
         self.openings.as_ref()?.at(self, p, n)
     }

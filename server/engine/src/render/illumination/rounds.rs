@@ -1,6 +1,6 @@
 //! The rounds in which a scene's light is learnt: how many photons each takes, and how long it will take.
 
-use std::num::NonZeroUsize;
+use std::{f64::consts::SQRT_2, num::NonZeroUsize};
 
 use super::{Illumination, IlluminationSettings, Stage};
 use crate::technique::{
@@ -24,7 +24,7 @@ const MAPPED_SHARE: f64 = 1.2;
 /// tens of them, and fewer are sent out.
 const KEPT_SHARE_MAX: f64 = 8.0;
 /// Photons for each that the settings ask for, as powers of two: at least, and at most where none is thinned out.
-const EMISSION_EXPONENTS: [f64; 2] = [-5.0, 4.0];
+const EMISSION_EXPONENTS: [i32; 2] = [-5, 4];
 /// Photons sent out for each that the settings ask for, with strata thinned out, about, at most: with twice as many Sponza's nave is 17 %
 /// off by the octree for 12, for want of samples …
 const SENT_SHARE_MAX: f64 = 2.0;
@@ -129,12 +129,10 @@ impl Illumination {
         };
         let paths = self.photons.paths();
         let there = paths.path_count() as f64;
-        // Strata of the first round are too small to be thinned out.
-        let thinned = paths.thinned_out().sent * paths.full_count() as f64 / there.max(1.0);
         // The first took over what it began with.
         let of_before = if self.round == 0 { 0 } else { self.photons.taken_over_count() };
         let per_photon = spent.photons / (there - of_before as f64).max(1.0);
-        let wanted = there * growth * sent * thinned;
+        let wanted = paths.thinned_out(growth * sent).sent;
         // Those that are there are not traced again, unless there are more than are wanted: then none is taken over.
         let traced = if wanted >= there { wanted - there } else { wanted };
         RoundSeconds {
@@ -182,13 +180,19 @@ impl Illumination {
         let maps = &self.photons.product().maps;
         let mapped = MAPPED.iter().map(|class| maps.photon_count(*class)).sum::<usize>().max(1);
         let emitted = self.photons.paths().full_count() as f64;
-        let ThinnedOut { sent, kept } = self.photons.paths().thinned_out();
         let wanted = (MAPPED_SHARE * emitted / mapped as f64).log2().round().max(0.0);
-        let allowed = (KEPT_SHARE_MAX / kept).log2().round();
-        let sent_max = if self.photons.paths().is_aimed() { SENT_SHARE_AIMED } else { SENT_SHARE_MAX };
-        let allowed = allowed.min((sent_max / sent).log2().round());
+        let paths = self.photons.paths();
+        let sent_max = if paths.is_aimed() { SENT_SHARE_AIMED } else { SENT_SHARE_MAX };
+        let asked_for = f64::from((self.settings.photons.emitted_count / ROUNDS[1].photon_divisor).max(1));
+        // To half a power of two, as `wanted` is.
+        let is_allowed = |exponent: &i32| {
+            let ThinnedOut { sent, kept } =
+                paths.thinned_out(asked_for * f64::from(*exponent).exp2() / emitted.max(1.0));
+            sent < SQRT_2 * sent_max * asked_for && kept < SQRT_2 * KEPT_SHARE_MAX * asked_for
+        };
         let [least, most] = EMISSION_EXPONENTS;
-        wanted.min(allowed).clamp(least, most) as i32
+        let allowed = (least..=most).rev().find(is_allowed).unwrap_or(least);
+        (wanted as i32).min(allowed).max(least)
     }
 
     /// How many photons more, as a power of two, the first round sends out, by those that it began with; see [`FIRST_EXPONENT_MAX`]. None

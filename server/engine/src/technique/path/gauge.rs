@@ -109,6 +109,12 @@ impl Gauge {
         Gauge { settings, size, sets: Vec::new(), traced_from: 0, rays: 0, samples: 0 }
     }
 
+    /// See [`PathSettings::knows_openings`].
+    #[cfg(feature = "gpu")]
+    pub fn go_without_openings(&mut self) {
+        self.settings.knows_openings = false;
+    }
+
     /// Adds samples to the set that has the fewest, or takes a new set once all have so many in either half.
     ///
     /// - `expected`: where pixels of a new set are drawn most: for each pixel, row by row, a measure of the error expected, or

@@ -12,7 +12,7 @@
 
 use super::{
     PhotonTracing,
-    paths::{BLOCK, Block, BlockName, PhotonHit, PhotonPath, PhotonPaths, SourcePhotons},
+    paths::{BLOCK, Block, BlockName, PhotonHit, PhotonPath, PhotonPaths, SourcePhotons, strata_of},
 };
 use crate::technique::MAPPED;
 
@@ -98,9 +98,7 @@ impl SourcePhotons {
 
     /// How often the photons of a stratum are to be halved by what its pilots met, as far as there are enough of them.
     fn halvings_wanted(&self, stratum: u32) -> u32 {
-        let others = self.full_count_in(stratum).saturating_sub(BLOCK);
-        let possible = (others / OTHERS_MIN).max(1).ilog2();
-        self.halvings_of_many(stratum).min(possible)
+        self.halvings_of_many(stratum).min(halvings_possible(self.full_count_in(stratum)))
     }
 
     /// The same of as many as it takes.
@@ -121,8 +119,13 @@ impl SourcePhotons {
     }
 }
 
-/// What becomes of each photon that lights are to emit where so many are that strata can be thinned out as their pilots say.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How often the photons of a stratum can be halved, of so many.
+fn halvings_possible(full: u32) -> u32 {
+    (full.saturating_sub(BLOCK) / OTHERS_MIN).max(1).ilog2()
+}
+
+/// What is left of photons where strata are thinned out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ThinnedOut {
     /// How many are sent out.
     pub sent: f64,
@@ -131,24 +134,27 @@ pub struct ThinnedOut {
 }
 
 impl PhotonPaths {
-    /// By the pilots and the others that are traced; all are, and kept nowhere, where there are none.
-    pub fn thinned_out(&self) -> ThinnedOut {
-        let (mut all, mut sent, mut kept) = (0.0, 0.0, 0.0);
+    /// Of so many times as many photons, by what pilots of those that are there say. Those of a light that is one stratum say nothing, and
+    /// count as if all were to be sent.
+    pub fn thinned_out(&self, times: f64) -> ThinnedOut {
+        let mut sum = ThinnedOut::default();
         for photons in &self.sources {
+            // Casts saturate.
+            let count = (f64::from(photons.count) * times) as u32;
+            let (strata, strata_then) = (photons.strata.len(), strata_of(count));
+            let full = count / strata_then;
+            let pilots = full.min(BLOCK);
+            let share = f64::from(strata_then) / strata as f64;
             for (stratum, blocks) in (0..).zip(&photons.strata) {
-                let full = f64::from(photons.full_count_in(stratum));
-                let left = full * 0.5f64.powi(photons.halvings_of_many(stratum) as i32);
+                let halvings = photons.halvings_of_many(stratum).min(halvings_possible(full));
+                let sent = share * f64::from(pilots + ((full - pilots) >> halvings));
                 let [paths, hits] = blocks.iter().fold([0.0, 0.0], |[paths, hits], block| {
                     [paths + block.paths.len() as f64, hits + block.hits.len() as f64]
                 });
-                all += full;
-                sent += left;
-                kept += left * hits / f64::max(paths, 1.0);
+                sum.sent += sent;
+                sum.kept += sent * hits / f64::max(paths, 1.0);
             }
         }
-        match all > 0.0 {
-            true => ThinnedOut { sent: sent / all, kept: kept / all },
-            false => ThinnedOut { sent: 1.0, kept: 0.0 },
-        }
+        sum
     }
 }

@@ -297,13 +297,12 @@ impl Lights {
         }
         let environment = self.environment.as_ref()?;
         let (wi, pdf) = environment.sample_through(opening(), n, [u[1], u[2]])?;
-        Some(LightSample {
-            wi,
-            radiance: environment.radiance(wi),
-            pdf: pdf * each,
-            is_delta: false,
-            origin: LightOrigin::Infinite,
-        })
+        let radiance = environment.radiance(wi);
+        // Parts of the hemisphere that light comes through may hold black ones.
+        if radiance.is_black() {
+            return None;
+        }
+        Some(LightSample { wi, radiance, pdf: pdf * each, is_delta: false, origin: LightOrigin::Infinite })
     }
 
     fn sample_local(

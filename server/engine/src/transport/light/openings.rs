@@ -6,7 +6,10 @@
 //! whole cube saw the sky, so that a window that fills a hundredth of the hemisphere is seen as sharply as one that fills half of it.
 //!
 //! What is learnt depends on the scene and the place alone, whoever asks first. A sky is drawn from by it with a fixed chance and else as
-//! it would be without: whatever it says, what is found is right.
+//! it would be without, as paths are guided by photons [Jensen1995; Mueller2017] (`products/guide.rs`): whatever it says, what is found is right.
+//!
+//! Nothing is kept of cubes that nobody asks about. At most, where all 32,768 parts of a cube had surfaces that face all six ways and see a
+//! little of the sky, 81 MB would be; a room and the ground around it hold 0.4.
 
 mod opening;
 #[cfg(test)]
@@ -44,7 +47,7 @@ pub(in crate::transport) struct Openings {
 /// What is known of surfaces in a cube that face one way.
 #[derive(Debug)]
 enum Place {
-    /// Nothing that would help: the sky shows nowhere, or nearly everywhere.
+    /// Nothing that would help: the sky shows nowhere, or enough of it.
     Plain,
     /// As much as there is to know.
     Known(Box<Opening>),
@@ -59,7 +62,7 @@ impl std::fmt::Debug for Openings {
 }
 
 impl Openings {
-    /// Nothing is known yet. `None` for a scene without surface.
+    /// Nothing is known yet. `None` for a scene without surface, of no extent, or with corners beyond all numbers.
     pub(in crate::transport) fn of(
         scene: &Scene,
         nested: Option<&NestedBounds>,
@@ -121,13 +124,13 @@ impl Place {
     /// Of a cube that nothing is known about.
     fn root(world: &World, spot: &Spot) -> Place {
         let Some(seen) = spot.look_everywhere(world) else { return Place::Plain };
-        if seen.is_open() { Place::Plain } else { Place::cut(Opening::of(&seen)) }
+        if seen.is_open_all_over() { Place::Plain } else { Place::cut(Opening::of(&seen)) }
     }
 
     /// - `whole`: what is seen from the cube that this is an eighth of
     fn within(world: &World, spot: &Spot, whole: &Opening, cuts_left: u32) -> Place {
         let Some(seen) = spot.look_through(world, whole) else { return Place::Plain };
-        if seen.is_half_open() {
+        if seen.is_open() {
             return Place::Plain;
         }
         let opening = Opening::of(&seen);

@@ -22,16 +22,18 @@ const RAYS_EVERYWHERE: u32 = 1024;
 const LOOKED_THROUGH: f32 = 0.75;
 /// A surface faces one of six ways if the cosine is more.
 const FACING_COS: f32 = 0.5;
-/// Of the light of a sky without surfaces, so much arriving leaves samples of the whole sky little to gain; in a cube that may be cut, of
-/// surfaces that lie far from each other, more.
-const HALF_OPEN: f32 = 0.2;
-const OPEN: f32 = 0.95;
+/// Samples of the sky as it is without surfaces that say how many of them arrive.
+const SAMPLES: u32 = 128;
+/// With so many of them arriving to know more gains little: with half of them a street paid a tenth of its time for nothing. From all over a
+/// cube that may be cut, whose surfaces may see different things, it takes more.
+const OPEN: f32 = 0.2;
+const OPEN_ALL_OVER: f32 = 0.95;
 /// What part of the hemisphere the sky shows through ends between where rays went: a part beside one that light came through gets this share
 /// of it at least.
 const BESIDE: f32 = 0.25;
-/// No part is drawn more often than so many times the mean of those that light came through: a sun in the sky's picture, which is found without
-/// this.
-const BRIGHTEST: f32 = 8.0;
+/// Of all rays, those that would bring most count as if they brought what the brightest of the others does, by so large a share: a sun in the
+/// sky's picture that one of a thousand meets would else be all that is known.
+const BRIGHTEST: f32 = 0.05;
 
 /// Where the sky shows from surfaces about a place that face about one way: directions are drawn as light came from them.
 #[derive(Debug)]
@@ -60,26 +62,56 @@ pub(super) struct Spot {
 /// What rays brought through parts of the hemisphere.
 pub(super) struct Seen {
     frame: Frame,
-    /// Luminance, as rays drawn by the cosine bring it.
+    /// Share of the samples of the whole sky that arrive.
+    arriving: f32,
+    /// Luminance that came through each part, W/(m² sr), summed over rays as they would be drawn by the cosine.
     light: [f32; PARTS],
+    /// Rays through each part.
     sent: [u16; PARTS],
     /// Of these, how many the sky lit.
     lit: [u16; PARTS],
-    /// Sums of what came, and of what would have without surfaces.
-    came: f32,
-    all: f32,
 }
 
 impl Seen {
-    /// Most of the sky's light arrives, from all over a cube.
-    pub(super) fn is_open(&self) -> bool {
-        self.came > OPEN * self.all
+    /// `None` where no light came.
+    fn of(frame: Frame, arriving: f32, looks: &[Look]) -> Option<Seen> {
+        let mut luminance: Vec<f32> = looks.iter().map(|look| look.luminance).collect();
+        luminance.sort_unstable_by(f32::total_cmp);
+        let most = *luminance.get(((1.0 - BRIGHTEST) * luminance.len() as f32) as usize)?;
+        let (light, counts) = ([0.0; PARTS], [0; PARTS]);
+        let mut seen = Seen { frame, arriving, light, sent: counts, lit: counts };
+        for Look { part, luminance, ratio, arrives } in looks {
+            seen.sent[*part] += 1;
+            if *arrives {
+                // Where all but a few directions are black, those few are all there is.
+                let counted = if most > 0.0 { luminance.min(most) } else { *luminance };
+                seen.light[*part] += counted / ratio;
+                seen.lit[*part] += 1;
+            }
+        }
+        let came: f32 = seen.light.iter().sum();
+        (came > 0.0 && came.is_finite()).then_some(seen)
     }
 
-    /// So much of it arrives that there is little to gain.
-    pub(super) fn is_half_open(&self) -> bool {
-        self.came > HALF_OPEN * self.all
+    /// Nearly all samples of the sky arrive, from all over a cube.
+    pub(super) fn is_open_all_over(&self) -> bool {
+        self.arriving > OPEN_ALL_OVER
     }
+
+    /// So many samples of the sky arrive that there is little to gain.
+    pub(super) fn is_open(&self) -> bool {
+        self.arriving > OPEN
+    }
+}
+
+/// A ray through a part of the hemisphere.
+struct Look {
+    part: usize,
+    /// Luminance that it would bring without surfaces, W/(m² sr).
+    luminance: f32,
+    /// How much likelier it was drawn than by the cosine.
+    ratio: f32,
+    arrives: bool,
 }
 
 impl Spot {
@@ -137,32 +169,31 @@ impl Spot {
         if points.is_empty() {
             return None;
         }
-        let frame = Frame::around(self.axis());
-        let (light, counts) = ([0.0; PARTS], [0; PARTS]);
-        let mut seen = Seen { frame, light, sent: counts, lit: counts, came: 0.0, all: 0.0 };
-        let rows = rays.isqrt();
-        for number in 0..rays {
-            let [x, y, which, _] = sobol::point(sobol::mix(self.name ^ 1), number);
-            let square = [(number % rows) as f32 + x, (number / rows) as f32 + y].map(|at| at / rows as f32);
-            let Some((direction, ratio)) = draw(square) else { continue };
-            let part = part_of(direction);
-            let wi = frame.to_world(direction);
-            let radiance = environment.radiance(wi).luminance() / ratio;
-            seen.all += radiance;
-            seen.sent[part] += 1;
+        let axis = self.axis();
+        let frame = Frame::around(axis);
+        let arrives = |wi: Vec3, which: f32| {
             let point = &points[((which * points.len() as f32) as usize).min(points.len() - 1)];
             // Meshes are met from either side.
-            let is_before = wi.dot(point.n_geo) * self.axis().dot(point.n_geo) > 0.0;
-            if radiance > 0.0
-                && is_before
-                && !world.is_occluded(&ShadowRay { ray: point.ray_towards(wi), light: None })
-            {
-                seen.light[part] += radiance;
-                seen.lit[part] += 1;
-                seen.came += radiance;
-            }
-        }
-        (seen.came > 0.0 && seen.came.is_finite()).then_some(seen)
+            let is_before = wi.dot(point.n_geo) * axis.dot(point.n_geo) > 0.0;
+            is_before && !world.is_occluded(&ShadowRay { ray: point.ray_towards(wi), light: None })
+        };
+        let rows = rays.isqrt();
+        let looks = (0..rays).filter_map(|number| {
+            let [x, y, which, _] = sobol::point(sobol::mix(self.name ^ 1), number);
+            let square = [(number % rows) as f32 + x, (number / rows) as f32 + y].map(|at| at / rows as f32);
+            let (direction, ratio) = draw(square)?;
+            let wi = frame.to_world(direction);
+            let luminance = environment.radiance(wi).luminance();
+            let arrives = luminance > 0.0 && arrives(wi, which);
+            Some(Look { part: part_of(direction), luminance, ratio, arrives })
+        });
+        let looks: Vec<Look> = looks.collect();
+        let arriving = (0..SAMPLES).filter(|number| {
+            let [x, y, which, _] = sobol::point(sobol::mix(self.name ^ 2), *number);
+            environment.sample(axis, [x, y]).is_some_and(|(wi, _)| arrives(wi, which))
+        });
+        let arriving = arriving.count() as f32 / SAMPLES as f32;
+        Seen::of(frame, arriving, &looks)
     }
 
     /// Points of surfaces in the cube that face this way, met by rays from its side and from within it.
@@ -189,16 +220,14 @@ impl Spot {
 }
 
 impl Opening {
-    /// A sky is drawn from by where it shows with this chance, and else as without: what is told wrongly costs four times the variance at most.
-    /// With 0.9 a room had 0.93 times as much.
+    /// A sky is drawn from by where it shows with this chance, and else as without: where what is known is wrong its squares grow to four times
+    /// what they were at most, and it is known only where a fifth of them arrive at most. With 0.9 a room had 0.93 times as much variance.
     pub(crate) const SHARE: f32 = 0.75;
     /// With so large a share of directions that the sky shows in there is little to gain by looking from nearer.
     pub(super) const SHARE_ENOUGH: f32 = 0.5;
 
     pub(super) fn of(seen: &Seen) -> Opening {
-        let lit = seen.light.iter().filter(|light| **light > 0.0).count();
-        let brightest = BRIGHTEST * seen.came / lit.max(1) as f32;
-        let light = seen.light.map(|light| light.min(brightest));
+        let light = &seen.light;
         let all = light.iter().fold(f32::MIN_POSITIVE, |all, light| all.max(*light));
         let beside = |part: usize| {
             let [x, y] = [part % SIDE, part / SIDE].map(|at| at.saturating_sub(1)..(at + 2).min(SIDE));
