@@ -207,6 +207,7 @@ impl Rendering {
         self.denoising = Denoising::default();
         // Found of the light before.
         (self.outlook, self.is_confirmed) = (None, false);
+        self.relit_at = self.film.passes_min();
     }
 
     /// It shows what is known of the light.

@@ -65,6 +65,9 @@ pub use settings::{Backend, Indirect, Learning, Learnt, RenderSettings};
 /// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
 const SHARE_SHOWN: f64 = 0.01;
 
+/// Passes that are drawn with light that is better known before path tracing may have its turn: as many as the light before counts for.
+const PASSES_AFRESH: u32 = 2;
+
 /// A place is seen where nothing lies this share of the way nearer.
 const PLACE_SLACK: f32 = 1e-3;
 
@@ -126,6 +129,8 @@ pub struct Rendering {
     /// Where light is looked up: what the error is measured with, and what was found.
     measuring: Option<Measuring>,
     outlook: Option<Outlook>,
+    /// Passes of the film when what is known of the light last became better.
+    relit_at: u32,
     /// The error asked for, √relMSE.
     target: Option<f64>,
     /// By what is known the picture may have it, but not surely.
@@ -259,6 +264,7 @@ impl Rendering {
             measuring: measured
                 .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
             outlook: None,
+            relit_at: 0,
             target: None,
             is_doubted: false,
             is_confirmed: false,
@@ -408,6 +414,11 @@ impl Rendering {
         }
         if self.traced.as_ref().is_some_and(|film| film.passes_min() != film.passes_max()) {
             return Turn::Traced;
+        }
+        // What the film tells before is what was known before, however much better that is by now: path tracing, once it seemed the better of
+        // the two, would go on for ever where each of its passes lasts until more is known.
+        if self.film.passes_min() < self.relit_at + PASSES_AFRESH {
+            return Turn::LookedUp;
         }
         let Some(outlook) = self.outlook else { return Turn::LookedUp };
         if self.knows_its_light() || self.is_late() {

@@ -3,6 +3,7 @@
 mod pictures;
 mod records;
 mod rounds;
+mod turns;
 
 use std::{
     num::NonZeroUsize,
