@@ -94,9 +94,10 @@ fn json_of<T: serde::Serialize>(message: &T) -> String {
 fn culprit_among_edits(json: &[u8]) -> Option<ParseError> {
     let edits = match whole_of(std::str::from_utf8(json).ok()?)? {
         Value::Array(edits) => edits,
-        Value::Object(mut object) => match object.remove("edits")? {
-            Value::Array(edits) => edits,
-            _ => return None,
+        Value::Object(mut object) => match object.remove("edits") {
+            Some(Value::Array(edits)) => edits,
+            None => return object.remove("op").map(|op| edit_alone(&op)),
+            Some(_) => return None,
         },
         _ => return None,
     };
@@ -104,6 +105,12 @@ fn culprit_among_edits(json: &[u8]) -> Option<ParseError> {
         let (op, field, reason) = fault_of_edit(edit)?;
         Some(ParseError { op_index: Some(index), op, field, reason })
     })
+}
+
+/// An edit where a batch of them belongs.
+fn edit_alone(op: &Value) -> ParseError {
+    let reason = format!("an edit ({op}) alone is no batch: put it in a list, {{\"edits\": [{{…}}]}}");
+    ParseError { op_index: None, op: None, field: None, reason }
 }
 
 /// All of a refused text, where it is JSON but for numbers that are none.
@@ -218,6 +225,15 @@ mod tests {
 
     fn refused(json: &str) -> ParseError {
         EditBatch::from_json(json.as_bytes()).unwrap_err()
+    }
+
+    #[test]
+    fn an_edit_alone_is_told_where_it_belongs() {
+        let error = refused(r#"{"op":"remove_node","node":"a"}"#);
+        let told = r#"an edit ("remove_node") alone is no batch: put it in a list, {"edits": [{…}]}"#;
+        assert_eq!(error.to_string(), told);
+        assert!(refused(r#"{"op":7}"#).to_string().contains("no batch"));
+        assert!(!refused(r#"{"node":"a"}"#).to_string().contains("no batch"));
     }
 
     #[test]

@@ -362,8 +362,8 @@ impl Rendering {
         Progress { counts: prepared.counts + progress.counts, ..progress }
     }
 
-    /// Photons, and what is known of where the sky shows, say where path-traced samples go, of the film and of the measure of the error alike: by the noise of the one it is judged what
-    /// the other is worth. On a card they go without.
+    /// Photons, and what is known of where the sky shows, say where path-traced samples go, of the film and of the measure of the error alike: by
+    /// the noise of the one it is judged what the other is worth. On a card they go without.
     fn is_guided(&self) -> bool {
         #[cfg(feature = "gpu")]
         return self.gpu.is_none();
