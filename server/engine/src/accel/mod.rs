@@ -41,9 +41,13 @@ pub use upload::{
     MeshRange, START_COUNT_SHIFT, START_IS_LEAF, TRIANGLE_AXIS_SHIFT,
 };
 
-use crate::scene::{Id, Mesh};
+use crate::scene::{Aabb, Id, Mesh};
 use bottom::BottomTree;
 use restore::{Restorer, Top};
+
+/// See [`Accel::cube_around`].
+const CUBE_LARGER: f32 = 1.03;
+const CUBE_LOW_OF_SIDE: f32 = 0.5071;
 
 /// The trees of meshes by the meshes' ids, with the mesh that each was built for.
 type Bottoms = HashMap<Id, (Arc<Mesh>, Arc<BottomTree>)>;
@@ -113,6 +117,14 @@ impl Accel {
     /// Turns a world position into render space.
     pub fn to_render(&self, p_in_world: DVec3) -> Vec3 {
         (p_in_world - self.origin_in_world).as_vec3()
+    }
+
+    /// Low corner and side, in render space, m, of a cube around some bounds: a little larger and off their middle. Walls at round shares of it
+    /// then stand within parts of it, not between two, where rounding would decide.
+    pub fn cube_around(&self, bounds: &Aabb) -> (Vec3, f32) {
+        let [min, max] = [bounds.min, bounds.max].map(|corner| self.to_render(corner));
+        let side_m = (max - min).max_element() * CUBE_LARGER;
+        ((min + max) * 0.5 - Vec3::splat(side_m * CUBE_LOW_OF_SIDE), side_m)
     }
 
     /// Radius of the sphere around render space's origin that holds the scene; zero for an empty scene.

@@ -11,7 +11,7 @@ use std::{
 
 use super::{
     Illumination, IlluminationSettings, Indirect, Learnt, RenderSettings, Rendering, Stage, all_paths,
-    beside, learner::tracer_of_records, step_on, tracer,
+    beside, learner::tracer_of_records, measuring::Measuring, step_on, tracer,
 };
 use crate::{
     effects::EffectPlan,
@@ -271,7 +271,7 @@ impl Rendering {
         let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
         let on_gpu = OnGpu { drawing, learning: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
         self.gpu = Some(Box::new(on_gpu));
-        self.measuring.iter_mut().for_each(super::Measuring::go_without_openings);
+        self.measuring.iter_mut().for_each(Measuring::go_without_openings);
         self.gpu_failure = None;
     }
 

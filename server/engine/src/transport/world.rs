@@ -104,8 +104,8 @@ impl World {
     }
 
     /// Where the environment shows about `p` from a surface that faces `n`; `None` where there is none, where it shows nowhere, or where so
-    /// much of it does that to know more would not help. Whoever asks first of a place sends the rays that tell it: 400, and 1,200 more the first
-    /// of its surroundings.
+    /// much of it does that to know more would not help. Whoever asks first of a place sends the rays that tell it: 400 for each of three
+    /// cubes around it at most, and 1,200 for what is around these.
     pub fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
         self.openings.as_ref()?.at(self, p, n)
     }

@@ -10,18 +10,11 @@ use std::sync::Arc;
 
 use glam::{DVec3, UVec3, Vec3};
 
-use crate::{
-    scene::{Aabb, NestedBounds},
-    transport::World,
-};
+use crate::{scene::NestedBounds, transport::World};
 
 /// Room around cells for triangles that end at them, in sides of a cell and, for rounding, in distances from the origin.
 const SLACK_CELLS: f32 = 1e-4;
 const SLACK_ROUNDING: f32 = 1e-6;
-/// A little larger than the scene and off its middle: walls at round fractions of the scene then stand within cells, not between two,
-/// where rounding would decide.
-const LARGER: f32 = 1.03;
-const LOW_OF_SIDE: f32 = 0.5071;
 /// How far off a place in cells may be by rounding, where cells differ.
 const PLACE_ROUNDING_CELLS: f32 = 1e-3;
 /// Cubes within the cube, where there are any.
@@ -52,17 +45,12 @@ impl Cube {
     pub(super) fn around(world: &World, depth: u32) -> Option<Cube> {
         let accel = world.accel();
         let bounds = accel.instances().iter().map(|i| *i.bounds_in_world()).reduce(|a, b| a.union(&b))?;
-        let around = |bounds: &Aabb| {
-            let [min, max] = [bounds.min, bounds.max].map(|corner| accel.to_render(corner));
-            let side_m = (max - min).max_element() * LARGER;
-            ((min + max) * 0.5 - Vec3::splat(side_m * LOW_OF_SIDE), side_m)
-        };
-        let (low, side_m) = around(&bounds);
+        let (low, side_m) = accel.cube_around(&bounds);
         if !(side_m > 0.0 && side_m.is_finite()) {
             return None;
         }
         let nested = world.nested_bounds().and_then(|bounds| {
-            let [_, inner @ ..] = bounds.boxes.map(|of| around(&of));
+            let [_, inner @ ..] = bounds.boxes.map(|of| accel.cube_around(&of));
             Nested::within((low, side_m), inner, 1 << depth).map(Arc::new)
         });
         Some(Cube { low, side_m, depth, nested })

@@ -23,18 +23,15 @@ pub use self::opening::Opening;
 use self::opening::Spot;
 use crate::{
     accel::Accel,
-    scene::{Aabb, NestedBounds, Scene},
+    scene::{NestedBounds, Scene},
     transport::World,
 };
 
-/// Parts along each axis that are learnt by themselves: with one for all a room of a house was too rarely met to be told from the rest.
+/// Parts along each axis that are learnt by themselves: rays sent all over a scene would rarely begin in any one room.
 const ROOTS: u32 = 4;
 /// Times that these are cut in eight at most. Cubes are then a thirty-second of what lies around: 0.4 m about a room of 6 m on wide
 /// ground, where twice that has 1.14 times the variance of a sky's direct light and four times that 3.2 times.
 const CUTS_MAX: u32 = 3;
-/// Cubes are a little larger than what they hold, and off its middle: walls at round shares of it would else lie between two.
-const LARGER: f64 = 1.03;
-const LOW_OF_SIDE: f32 = 0.5071;
 
 /// Where the sky shows from places in a scene.
 pub(in crate::transport) struct Openings {
@@ -68,13 +65,9 @@ impl Openings {
         nested: Option<&NestedBounds>,
         accel: &Accel,
     ) -> Option<Openings> {
-        let around = |bounds: &Aabb| {
-            let side_m = ((bounds.max - bounds.min).max_element() * LARGER) as f32;
-            (accel.to_render((bounds.min + bounds.max) * 0.5) - side_m * LOW_OF_SIDE, side_m)
-        };
         let cubes: Vec<(Vec3, f32)> = match nested {
-            Some(nested) => nested.boxes.iter().map(around).collect(),
-            None => vec![around(&scene.bounds()?)],
+            Some(nested) => nested.boxes.iter().map(|bounds| accel.cube_around(bounds)).collect(),
+            None => vec![accel.cube_around(&scene.bounds()?)],
         };
         let are_whole = cubes.iter().all(|(low, side_m)| low.is_finite() && *side_m > 0.0);
         let count = cubes.len() * (ROOTS * ROOTS * ROOTS) as usize * Spot::FACES;

@@ -8,7 +8,8 @@ use crate::{
     transport::{ShadowRay, World},
 };
 
-/// Parts along either side of the square that the hemisphere is spread out on, each as large as the others by the cosine.
+/// Parts along either side of the square that the hemisphere is spread out on, each as large as the others by the cosine. With 32 a room had
+/// 2.2 times the variance: too few of as many rays go through each.
 const SIDE: usize = 16;
 const PARTS: usize = SIDE * SIDE;
 /// Points that rays are sent from, at most.
