@@ -4,7 +4,8 @@
 //! `cargo bench -p lumicast-tests --bench gpu [-- [--software] [--size WxH] [--rounds N] [SCENE[:CAMERA] …]]`; without scenes
 //! the built-in box and, where they are found, four of the shared ones. Prints one Markdown table; `LUMICAST_GPU_JSON=FILE` also
 //! writes all of it. `--software` lets a driver that computes on the CPU stand for a card. Everything is run once to warm up
-//! and then some rounds, of which the median counts; card and CPU take turns in one run, the CPU with all its threads.
+//! and then some rounds, of which the median counts; card and CPU take turns in one run, the CPU with all its threads. Before
+//! what counts a card does the same for a while, as it does where pictures are drawn: while the CPU has its turn its clock goes down.
 //! Two more words are for `tests/gpu.sh`: `adapter` names the card and does no more, `compare NAME A.exr B.exr` holds one
 //! picture against another and prints JSON.
 
@@ -36,7 +37,12 @@ mod subject;
 #[path = "gpu/upload.rs"]
 mod upload;
 
-use std::{error::Error, process::ExitCode, sync::Arc};
+use std::{
+    error::Error,
+    process::ExitCode,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use figures::Figures;
 use lumicast_engine::{
@@ -119,6 +125,19 @@ fn size_for(kind: AdapterKind) -> Result<PictureSize, Box<dyn Error>> {
 fn described(report: &AdapterReport) -> String {
     let AdapterReport { name, driver, api, kind, .. } = report;
     format!("{name} ({kind}, {api}, {driver})")
+}
+
+/// How long a card is kept busy before what counts: that of an H200 idles at a sixth of its clock, and takes a tenth of a second to get up.
+const WARM_UP: Duration = Duration::from_millis(300);
+
+/// Does the work over and over until the card is warm, and then once more, which is what comes out.
+fn warmed<T>(gpu: &Gpu, mut work: impl FnMut() -> Result<T, Box<dyn Error>>) -> Result<T, Box<dyn Error>> {
+    let start = Instant::now();
+    // A software adapter has no clock of its own.
+    while gpu.report().kind != AdapterKind::Software && start.elapsed() < WARM_UP {
+        work()?;
+    }
+    work()
 }
 
 /// The middle one; of an even number the upper.

@@ -20,6 +20,7 @@ use crate::{
     median,
     ray_set::{Kind, RaySet},
     subject::Subject,
+    warmed,
 };
 
 /// Rays a thread takes at a time, as in benches/rays.
@@ -71,7 +72,7 @@ pub(crate) fn measure(
         let on_card = card.prepare(question, rays)?;
         let (mut of_card, mut of_cpu) = (Vec::new(), Vec::new());
         for round in 0..=rounds {
-            let timed = (on_card.run()?, on_cpu(accel, question, kind, rays));
+            let timed = (warmed(gpu, || on_card.run())?, on_cpu(accel, question, kind, rays));
             // The first round warms up.
             if round > 0 {
                 of_card.push(timed.0);

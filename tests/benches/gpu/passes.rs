@@ -28,6 +28,7 @@ use crate::{
     figures::{Figure, SceneFigures, Unit},
     median, splats,
     subject::Subject,
+    warmed,
 };
 
 /// Passes before any counts: the card finds out how much of a picture it takes at a time, doubling it from slice to slice, and the
@@ -132,12 +133,12 @@ fn carry(
     let (mut on_card, mut on_cpu) = (Vec::new(), Vec::new());
     // The first finds out how many go at once.
     for round in 0..=rounds {
-        let mut tracing = PhotonTracing::new(settings);
-        tracing.carry_by(Arc::clone(&card) as _);
-        let of_card = rate(&mut tracing);
-        if let Some(error) = card.failure() {
-            return Err(error.into());
-        }
+        let of_card = warmed(scene.gpu(), || {
+            let mut tracing = PhotonTracing::new(settings);
+            tracing.carry_by(Arc::clone(&card) as _);
+            let rate = rate(&mut tracing);
+            card.failure().map_or(Ok(rate), |error| Err(error.into()))
+        })?;
         let of_cpu = rate(&mut PhotonTracing::new(settings));
         if round > 0 {
             on_card.push(of_card);
@@ -172,7 +173,8 @@ impl Drawing<'_> {
         what: &str,
         figures: &mut SceneFigures<'_>,
     ) -> Result<(), Box<dyn Error>> {
-        let Some(steps) = card.step_seconds(&self.view, self.size)? else { return Ok(()) };
+        let steps = warmed(card.scene().gpu(), || Ok(card.step_seconds(&self.view, self.size)?))?;
+        let Some(steps) = steps else { return Ok(()) };
         let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
         let sum = Figure::new(format!("{what}: steps, one after the other"), Unit::Milliseconds, f64::NAN);
         figures.push(Figure { gpu_device: Some(1e3 * all), gpu_wall: None, ..sum });
@@ -194,10 +196,11 @@ impl Drawing<'_> {
         let mut films = [Film::new(self.size), Film::new(self.size)];
         let (mut of_card, mut of_cpu) = (Vec::new(), Vec::new());
         for round in 0..WARM_UP_PASSES + rounds {
-            let on_card = self.pass(card, focused, &mut films[0]);
-            if let Some(error) = card.failure() {
-                return Err(error.clone().into());
-            }
+            let gpu = Arc::clone(card.scene().gpu());
+            let on_card = warmed(&gpu, || {
+                let pass = self.pass(card, focused, &mut films[0]);
+                card.failure().map_or(Ok(pass), |error| Err(error.clone().into()))
+            })?;
             let on_cpu = self.pass(&mut cpu, focused, &mut films[1]);
             if round >= WARM_UP_PASSES {
                 of_card.push(on_card);
@@ -234,17 +237,17 @@ impl Drawing<'_> {
         on_cpu.stop();
         let mut rates = [Vec::new(), Vec::new()];
         for round in 0..WARM_UP_PASSES + rounds {
-            for (gatherer, rates) in [&on_card, &on_cpu].into_iter().zip(&mut rates) {
+            let gather = |gatherer: &Arc<GpuGatherer>| {
                 let tracer = PathTracer::with_secondary(PathSettings::all(None, 0), Arc::clone(known));
                 let arriving = ArrivingByGpu::new(tracer, Arc::clone(gatherer));
                 let start = Instant::now();
                 arriving.along(world, &rays, &AtomicBool::new(false), &mut Counts::default());
-                if round >= WARM_UP_PASSES {
-                    rates.push(rays.len() as f64 * 1e-6 / start.elapsed().as_secs_f64());
-                }
-                if let Some(error) = gatherer.failure() {
-                    return Err(error.into());
-                }
+                let rate = rays.len() as f64 * 1e-6 / start.elapsed().as_secs_f64();
+                gatherer.failure().map_or(Ok(rate), |error| Err(error.into()))
+            };
+            let of_round = [warmed(scene.gpu(), || gather(&on_card))?, gather(&on_cpu)?];
+            if round >= WARM_UP_PASSES {
+                rates.iter_mut().zip(of_round).for_each(|(rates, rate)| rates.push(rate));
             }
         }
         Ok(rates.map(median))

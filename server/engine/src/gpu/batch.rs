@@ -7,8 +7,10 @@ use std::{
 
 use super::{BindGroup, Buffer, GpuError, Pipeline, ReadBack, Session, read_back::Staging};
 
-/// Ticks at the beginning and the end, 8 bytes each.
-const CLOCK_BYTES: u64 = 16;
+/// Bytes of a tick.
+const TICK_BYTES: u64 = size_of::<u64>() as u64;
+/// Ticks of a batch at most: as many as every device with a clock can note at once.
+const TICKS_MAX: u32 = 4096;
 
 /// Commands for the device, in order: each sees what those before it wrote. Nothing runs before [`Batch::submit`].
 #[derive(Debug)]
@@ -25,11 +27,13 @@ pub struct Batch {
 /// How a batch begins: with a clock or without.
 pub(crate) type Begin = fn(&Arc<Session>, &str) -> Result<Batch, GpuError>;
 
-/// Two readings of the device's clock.
+/// Readings of the device's clock.
 #[derive(Debug)]
 struct Clock {
     queries: wgpu::QuerySet,
-    resolved: Buffer,
+    /// Readings so far, and at most.
+    count: u32,
+    max: u32,
 }
 
 impl Session {
@@ -54,36 +58,33 @@ impl Session {
 
     /// An empty batch that takes the time on the device's clock; without such a clock it is [`Session::batch`].
     ///
-    /// Errors: as [`Session::batch`], and [`GpuError::OutOfMemory`].
+    /// Errors: as [`Session::batch`].
     pub fn timed_batch(self: &Arc<Session>, name: &str) -> Result<Batch, GpuError> {
+        self.batch_of_steps(name, 1)
+    }
+
+    /// The same, which takes the time of so many steps by themselves: [`Batch::end_step`] ends each, and handing it over one that was not.
+    ///
+    /// Errors: as [`Session::batch`]; [`GpuError::Failed`] for more than 4095.
+    pub(crate) fn batch_of_steps(self: &Arc<Session>, name: &str, step_max: u32) -> Result<Batch, GpuError> {
         let mut batch = self.batch(name)?;
         if self.nanoseconds_per_tick.is_none() {
             return Ok(batch);
         }
-        let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
-        let resolved = self.allocate("clock", CLOCK_BYTES, usage)?;
-        let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: 2 };
+        let max = step_max.saturating_add(1);
+        if max > TICKS_MAX {
+            let what = format!("batch {name}: {step_max} steps are more than a clock takes");
+            return Err(GpuError::Failed { what });
+        }
+        let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count: max };
         let queries = self.checked(
             || self.device.create_query_set(&descriptor),
             |error| GpuError::Failed { what: format!("clock of batch {name}: {error}") },
         )?;
-        tick(&mut batch.encoder, &queries, 0);
-        batch.clock = Some(Clock { queries, resolved });
+        batch.clock = Some(Clock { queries, count: 0, max });
+        batch.tick();
         Ok(batch)
     }
-}
-
-/// Notes the time after all that was recorded. Only passes note it on every device, so this is one without work.
-fn tick(encoder: &mut wgpu::CommandEncoder, queries: &wgpu::QuerySet, index: u32) {
-    let (first, last) = if index == 0 { (Some(index), None) } else { (None, Some(index)) };
-    encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-        label: None,
-        timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
-            query_set: queries,
-            beginning_of_pass_write_index: first,
-            end_of_pass_write_index: last,
-        }),
-    });
 }
 
 impl Batch {
@@ -137,6 +138,29 @@ impl Batch {
             pass.set_bind_group(index, &group.group, &[]);
         }
         Ok(pass)
+    }
+
+    /// Ends a step of [`Session::batch_of_steps`]: nothing in batches without a clock, and once as many were ended as that takes.
+    pub(crate) fn end_step(&mut self) {
+        if self.clock.as_ref().is_some_and(|clock| clock.count < clock.max) {
+            self.tick();
+        }
+    }
+
+    /// Notes the time after all that was recorded. Only passes note it on every device, so this is one without work.
+    fn tick(&mut self) {
+        self.pass = None;
+        let Some(Clock { queries, count, .. }) = &mut self.clock else { return };
+        let (first, last) = if *count == 0 { (Some(*count), None) } else { (None, Some(*count)) };
+        self.encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: None,
+            timestamp_writes: Some(wgpu::ComputePassTimestampWrites {
+                query_set: queries,
+                beginning_of_pass_write_index: first,
+                end_of_pass_write_index: last,
+            }),
+        });
+        *count += 1;
     }
 
     /// Copies `bytes` of a buffer to `offset` of another. All are multiples of 4.
@@ -221,11 +245,14 @@ impl Batch {
     /// Errors: [`GpuError::Failed`] with what the device refuses (nothing of the batch runs then), [`GpuError::Lost`].
     pub fn submit(mut self) -> Result<Submission, GpuError> {
         self.pass = None;
+        self.end_step();
         let mut ticks = None;
-        if let Some(Clock { queries, resolved }) = self.clock.take() {
-            tick(&mut self.encoder, &queries, 1);
-            self.encoder.resolve_query_set(&queries, 0..2, &resolved.buffer, 0);
-            ticks = Some(self.stage(&resolved.buffer, "clock", 0..CLOCK_BYTES)?);
+        if let Some(Clock { queries, count, .. }) = self.clock.take() {
+            let bytes = 0..u64::from(count) * TICK_BYTES;
+            let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
+            let resolved = self.session.allocate("clock", bytes.end, usage)?;
+            self.encoder.resolve_query_set(&queries, 0..count, &resolved.buffer, 0);
+            ticks = Some(self.stage(&resolved.buffer, "clock", bytes)?);
         }
         let Batch { name, session, encoder, submitted, .. } = self;
         let index = session.checked(
@@ -266,13 +293,25 @@ impl Submission {
     /// timed and devices without one.
     ///
     /// Errors: as [`Submission::wait`].
-    pub fn gpu_seconds(mut self) -> Result<Option<f64>, GpuError> {
+    pub fn gpu_seconds(self) -> Result<Option<f64>, GpuError> {
+        Ok(self.step_seconds()?.map(|steps| steps.iter().sum()))
+    }
+
+    /// Waits until it is done, and returns the seconds that each of its steps took, in their order; `None` as
+    /// [`Submission::gpu_seconds`].
+    ///
+    /// Errors: as [`Submission::wait`].
+    pub(crate) fn step_seconds(mut self) -> Result<Option<Vec<f64>>, GpuError> {
         self.wait()?;
         let (Some(ticks), Some(nanoseconds)) = (self.ticks.take(), self.session.nanoseconds_per_tick) else {
             return Ok(None);
         };
-        let [first, last] = ticks.read(bytemuck::pod_read_unaligned::<[u64; 2]>)?;
+        let ticks: Vec<u64> = ticks.read(bytemuck::pod_collect_to_vec)?;
         // A clock that was set back in between says nothing.
-        Ok(last.checked_sub(first).map(|ticks| ticks as f64 * f64::from(nanoseconds) * 1e-9))
+        let seconds = |pair: &[u64]| {
+            let ticks = pair[1].checked_sub(pair[0])?;
+            Some(ticks as f64 * f64::from(nanoseconds) * 1e-9)
+        };
+        Ok(ticks.windows(2).map(seconds).collect())
     }
 }

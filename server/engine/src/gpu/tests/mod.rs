@@ -174,6 +174,33 @@ fn a_batch_runs_in_order() {
     assert!(input.into_iter().all(|number| number == 0));
 }
 
+/// Each step of a batch is timed by itself, together they take what the batch takes, and what is not ended before is the last.
+#[test]
+fn steps_of_a_batch_are_timed() {
+    let Some(gpu) = open() else { return };
+    let session = gpu.session().unwrap();
+    if session.nanoseconds_per_tick.is_none() {
+        eprintln!("SKIPPED: the device has no clock");
+        return;
+    }
+    let [large, small] = [1 << 22, 64].map(|bytes| session.buffer_zeroed("cleared", bytes).unwrap());
+    let steps = |ended: u32| {
+        let mut batch = session.batch_of_steps("steps", 3).unwrap();
+        for buffer in [&small, &large, &small].into_iter().take(ended as usize) {
+            batch.clear(buffer).unwrap();
+            batch.end_step();
+        }
+        batch.submit().unwrap().step_seconds().unwrap().expect("a clock")
+    };
+    let [three, two] = [steps(3), steps(2)];
+    assert_eq!((three.len(), two.len()), (3, 3));
+    assert!(three[1] > three[0] && three[1] > three[2], "{three:?}");
+    assert!(two[2] < two[1], "nothing was left to do: {two:?}");
+    let refused = session.batch_of_steps("steps", 4096).unwrap_err();
+    assert!(matches!(refused, GpuError::Failed { .. }), "{refused}");
+    session.check().expect("a refused clock leaves the session as it was");
+}
+
 /// What exceeds the budget or the adapter is refused with names and numbers, and the session goes on.
 #[test]
 fn buffers_beyond_the_budget_are_refused() {

@@ -1,7 +1,7 @@
 //! How long each step of a pass takes, on the device's clock: what limits a card.
 //!
-//! Every dispatch is a batch of its own, since batches are what the clock measures. That costs a submission each, which is
-//! not counted, and keeps the device from overlapping steps: the sum is more than a pass takes, the shares are what it is for.
+//! Scatterings go in batches, as they do else: cards that wait for each step by itself slow their clock down meanwhile. The clock is read
+//! between steps, which keeps the device from overlapping them: the sum may be more than a pass takes, the shares are what it is for.
 
 use std::ops::AddAssign;
 
@@ -10,10 +10,7 @@ use super::{
     known::LightBeside,
     tracing::{PathStart, Tracing, workgroups_of},
 };
-use crate::{
-    film::PictureSize,
-    gpu::{Batch, GpuError},
-};
+use crate::{film::PictureSize, gpu::GpuError};
 
 /// Seconds on the device, by step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -70,40 +67,58 @@ impl GpuPathTracer {
     }
 }
 
+/// Scatterings of a batch: more than most slices have.
+const SCATTERINGS: u32 = 16;
+/// Steps of one: `closest`, `shade`, `turn`, `occluded`.
+const STEPS: u32 = 4;
+
 impl Tracing<'_> {
     /// A slice until its last path has ended, as [`Tracing::trace_all`] does it.
     fn time_slice(self, header: &GpuPassHeader) -> Result<Option<StepSeconds>, GpuError> {
         self.write_header(header)?;
-        let all = workgroups_of(header);
-        let Some(begin) = self.time(|batch| self.begin(batch, all))? else { return Ok(None) };
-        let mut seconds = StepSeconds { begin, ..StepSeconds::default() };
-        let mut first = Some(all);
+        let mut seconds = StepSeconds::default();
+        let mut first = Some(workgroups_of(header));
         while first.is_some() || self.rays_left()? > 0 {
-            let Some(of_scattering) = self.time_scattering(first.take())? else { return Ok(None) };
-            seconds += of_scattering;
+            let Some(of_batch) = self.time_scatterings(first.take())? else { return Ok(None) };
+            seconds += of_batch;
         }
         Ok(Some(seconds))
     }
 
-    /// One scattering of all paths that go on.
+    /// Some scatterings of all paths that go on.
     ///
-    /// - `first`: workgroups of the first, whose size `turn` has not written
-    fn time_scattering(self, first: Option<[u32; 3]>) -> Result<Option<StepSeconds>, GpuError> {
-        let closest = self.time(|batch| self.closest(batch, first))?;
-        let shade = self.time(|batch| self.shade(batch, first))?;
-        let turn = self.time(|batch| self.turn(batch))?;
-        let occluded = self.time(|batch| self.occluded(batch))?;
-        let (Some(closest), Some(shade), Some(turn), Some(occluded)) = (closest, shade, turn, occluded)
-        else {
-            return Ok(None);
-        };
-        Ok(Some(StepSeconds { begin: 0.0, closest, shade, turn, occluded }))
-    }
-
-    fn time(self, record: impl FnOnce(&mut Batch) -> Result<(), GpuError>) -> Result<Option<f64>, GpuError> {
-        let mut batch = self.session.timed_batch("timed step")?;
-        record(&mut batch)?;
-        batch.submit()?.gpu_seconds()
+    /// - `first`: workgroups of the first, whose size `turn` has not written; it has to begin
+    fn time_scatterings(self, mut first: Option<[u32; 3]>) -> Result<Option<StepSeconds>, GpuError> {
+        let begins = u32::from(first.is_some());
+        let mut batch = self.session.batch_of_steps("timed steps", begins + SCATTERINGS * STEPS)?;
+        if let Some(all) = first {
+            self.begin(&mut batch, all)?;
+            batch.end_step();
+        }
+        for _ in 0..SCATTERINGS {
+            let first = first.take();
+            self.closest(&mut batch, first)?;
+            batch.end_step();
+            self.shade(&mut batch, first)?;
+            batch.end_step();
+            self.turn(&mut batch)?;
+            batch.end_step();
+            self.occluded(&mut batch)?;
+            batch.end_step();
+        }
+        let Some(steps) = batch.submit()?.step_seconds()? else { return Ok(None) };
+        let (begin, scatterings) = steps.split_at(begins as usize);
+        let mut seconds = StepSeconds { begin: begin.iter().sum(), ..StepSeconds::default() };
+        for steps in scatterings.chunks_exact(STEPS as usize) {
+            seconds += StepSeconds {
+                begin: 0.0,
+                closest: steps[0],
+                shade: steps[1],
+                turn: steps[2],
+                occluded: steps[3],
+            };
+        }
+        Ok(Some(seconds))
     }
 }
 
