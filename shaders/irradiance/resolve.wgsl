@@ -1,11 +1,5 @@
 // What the records of a cache that were added up in pixels say there, and which pixels none of the finest covers.
 
-/// Pixels that lack a record of the finest cache, in no order.
-struct Missing {
-    count: atomic<u32>,
-    pixels: array<u32>,
-}
-
 @group(0) @binding(0) var<uniform> picture: Picture;
 @group(0) @binding(1) var<storage, read> points: array<SeenPoint>;
 /// Sums of weight times irradiance, and of weights, in rows of `picture.row`.
@@ -28,9 +22,5 @@ fn resolve(
         return;
     }
     let sum = sums[pixel / picture.width * picture.row + pixel % picture.width];
-    if sum.w > 0.0 {
-        answers[pixel] = vec4f(sum.xyz / sum.w, sum.w);
-    } else if picture.cache == 0u {
-        missing.pixels[atomicAdd(&missing.count, 1u)] = pixel;
-    }
+    answer_by(sum, pixel);
 }

@@ -141,7 +141,8 @@ fn none_of(kinds: &[AdapterKind]) -> GpuError {
 }
 
 fn check_limits(adapter: &str, limits: &wgpu::Limits) -> Result<(), GpuError> {
-    // A workgroup of 64 is what WebGPU promises even to the smallest; bindings of 128 MiB are its default.
+    // A workgroup of 128, a tile that records are splatted onto, is what Vulkan promises and WebGPU even of old devices; bindings of 128 MiB
+    // are its default.
     let needs = [
         (
             "storage buffers a shader",
@@ -150,7 +151,7 @@ fn check_limits(adapter: &str, limits: &wgpu::Limits) -> Result<(), GpuError> {
         ),
         ("groups of bindings", limits.max_bind_groups.into(), 4),
         ("bytes a storage buffer", limits.max_storage_buffer_binding_size, 128 << 20),
-        ("invocations a workgroup", limits.max_compute_invocations_per_workgroup.into(), 64),
+        ("invocations a workgroup", limits.max_compute_invocations_per_workgroup.into(), 128),
         ("workgroups a dispatch", limits.max_compute_workgroups_per_dimension.into(), 65_535),
     ];
     match needs.into_iter().find(|(_, found, needed)| found < needed) {

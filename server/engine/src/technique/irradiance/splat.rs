@@ -6,7 +6,7 @@
 //! reaches, and what is seen in mirrors, is looked up.
 //!
 //! The sums are those of [`IrradianceCache::irradiance`], in the order of the records: the same bytes on any number of threads.
-//! `shaders/irradiance/splat.wgsl` adds up the same on a graphics card, at the middles of pixels.
+//! `shaders/irradiance/splat.wgsl` and `splat_tiles.wgsl` add up the same on a graphics card, at the middles of pixels.
 
 #[cfg(test)]
 mod tests;

@@ -39,7 +39,7 @@ pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
 pub use photons::GpuPhotons;
 pub use scene::GpuScene;
-pub use splats::{SplatSeconds, Splatted};
+pub use splats::{SplatBy, SplatSeconds, Splatted};
 pub use step_clock::StepSeconds;
 
 use self::{

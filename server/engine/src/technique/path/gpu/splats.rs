@@ -1,37 +1,46 @@
 //! Records of irradiance splatted onto a picture on a card, and the pixels that lack one: the twin of `technique/irradiance/splat.rs`.
 //!
 //! [Gautron2008, 8.3] in steps (`shaders/irradiance`). What the middles of pixels see is rasterised as for `lookouts.rs`; `seen` makes
-//! points of it. Records are drawn as quads over the pixels in which the spheres of their reach show, and add up there: weight times
-//! irradiance, and weight. `resolve` divides, and appends the pixels that see a diffuse surface and that no record of the finest cache
-//! covers to a list: their numbers come back, and nothing else. What finer caches have answered for is not asked of rougher ones.
+//! points of it. Records add up in the pixels in which the spheres of their reach show: weight times irradiance, and weight; drawn as the
+//! paper does (`quads.rs`), or tile by tile in one step (`tiles.rs`). Sums are divided, and the pixels that see a diffuse surface and that
+//! no record of the finest cache covers are appended to a list: their numbers come back, and nothing else. What finer caches have answered
+//! for is not asked of rougher ones.
 //!
 //! Sums are those of look-ups but for rounding, in the order of the records: cards blend in the order in which things are drawn.
 //!
-//! **Watchdogs**: so many records are drawn at once as take about as long as a batch may; the first ones as if each showed in every pixel.
+//! **Watchdogs**: so many records are drawn at once, or so many tiles are gone through, as take about as long as a batch may; the first
+//! ones as if each record showed in every pixel.
 
-use std::{ops::Range, sync::Arc, time::Instant};
+mod quads;
+mod tiles;
+
+use std::{ops::Range, sync::Arc};
 
 use bytemuck::{Pod, Zeroable};
-use lumicast_shaders::{IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT};
+use lumicast_shaders::IRRADIANCE_SEEN;
 
+#[cfg(test)]
+pub(super) use self::tiles::GpuTileSlice;
+use self::{
+    quads::{Drawing, QuadSteps},
+    tiles::{TileSteps, Tiling},
+};
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
-    known::LightBeside,
+    known::{LightBeside, RecordsOnCard},
     scene::{GpuScene, GpuWorld, Ready, unprepared},
 };
 use crate::{
-    gpu::{
-        Begin, BindGroup, Binding, Buffer, GpuError, Layout, Overlap, Pipeline, Quads, RasterPipeline,
-        Session, SumsBegin, Target,
-    },
+    gpu::{Begin, Binding, Buffer, GpuError, Layout, Pipeline, Session},
     math::Rgb,
     technique::{SecondaryLight, View},
     transport::World,
 };
 
-/// Pixels that the first records drawn may cover together: a card of the last ten years weighs some 10⁹ a second.
+/// Pixels that the first records may cover together: a card of the last ten years weighs some 10⁹ a second.
 const COVERED_FIRST: usize = 1 << 23;
-/// Records drawn at once at most, on a card and on a software adapter: the next may cover far more than the last, which lay behind the eye.
+/// Records that are drawn at once at most, or that a pixel weighs, on a card and on a software adapter: the next drawn may cover far more than
+/// the last, which lay behind the eye; and Mesa's driver on the CPU ends the loops of an invocation after 65,535 rounds together.
 const AT_ONCE_MAX: u32 = 1 << 14;
 const SOFTWARE_AT_ONCE_MAX: u32 = 1 << 12;
 /// Bytes of an answer: irradiance and weight.
@@ -87,43 +96,55 @@ pub(super) struct GpuSeenPoint {
     pub(super) padding_1: u32,
 }
 
+/// How records get onto pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SplatBy {
+    /// Drawn as quads, which raster units add up: the way of [Gautron2008, 8.3]. Not every adapter adds floats up so.
+    Quads,
+    /// Gone through by tiles of the picture, in one step.
+    #[default]
+    Tiles,
+}
+
 /// What splats.
 #[derive(Debug)]
 pub(super) struct Splatting {
     seen: Arc<Pipeline>,
     seen_layout: Arc<Layout>,
-    splat: RasterPipeline,
-    splat_layout: Arc<Layout>,
-    resolve: Arc<Pipeline>,
-    resolve_layout: Arc<Layout>,
+    /// Either once it was asked for.
+    quads: Option<QuadSteps>,
+    tiles: Option<TileSteps>,
 }
 
 impl Splatting {
     fn new(session: &Session, world: &GpuWorld) -> Result<Splatting, GpuError> {
-        let [uniform, read, write] = [Binding::Uniform, Binding::Read, Binding::Write];
-        let splat_layout = session.raster_layout(&[uniform, read, read, read, read])?;
-        // First, since not every adapter can.
-        let splat = session.raster_pipeline(&IRRADIANCE_SPLAT, &world.constants, &[&*splat_layout])?;
-        let seen_layout = session.layout(&[uniform, read, write])?;
+        let seen_layout = session.layout(&[Binding::Uniform, Binding::Read, Binding::Write])?;
         let seen_layouts = [&*world.trees_layout, &*world.layout, &*seen_layout];
         let seen = session.pipeline(&IRRADIANCE_SEEN, &world.constants, &seen_layouts)?;
-        let resolve_layout = session.layout(&[uniform, read, read, write, write])?;
-        let resolve = session.pipeline(&IRRADIANCE_RESOLVE, &world.constants, &[&*resolve_layout])?;
-        Ok(Splatting { seen, seen_layout, splat, splat_layout, resolve, resolve_layout })
+        Ok(Splatting { seen, seen_layout, quads: None, tiles: None })
+    }
+
+    fn prepare(&mut self, session: &Session, world: &GpuWorld, by: SplatBy) -> Result<(), GpuError> {
+        match by {
+            SplatBy::Quads if self.quads.is_none() => self.quads = Some(QuadSteps::new(session, world)?),
+            SplatBy::Tiles if self.tiles.is_none() => self.tiles = Some(TileSteps::new(session, world)?),
+            SplatBy::Quads | SplatBy::Tiles => {}
+        }
+        Ok(())
     }
 }
 
-/// How much is drawn at once.
+/// How much is done at once.
 #[derive(Clone, Copy)]
-struct Pace {
+pub(super) struct Pace {
     /// Pixels that the first records may cover together.
-    covered_first: usize,
+    pub(super) covered_first: usize,
     /// Longest time that a batch is to take.
-    seconds_max: f64,
-    /// Records drawn at once, at most.
-    at_once_max: u32,
+    pub(super) seconds_max: f64,
+    /// Records drawn, or weighed by a pixel, at once, at most.
+    pub(super) at_once_max: u32,
     /// With a clock or without.
-    begin: Begin,
+    pub(super) begin: Begin,
 }
 
 /// What is known of a picture's pixels, and what is done now.
@@ -131,7 +152,7 @@ struct Pace {
 struct Pixels {
     picture: GpuPicture,
     header: Buffer,
-    /// Copied from targets, row by row.
+    /// Copied from targets, row by row; sums of tiles once points are made of it.
     drawn: Buffer,
     points: Buffer,
     answers: Buffer,
@@ -157,30 +178,42 @@ impl Pixels {
         self.picture.width as usize * self.picture.height as usize
     }
 
-    /// Names the cache whose records are drawn from now on.
+    /// Names the cache whose records are added up from now on.
     fn turn_to(&self, session: &Session, cache: u32) -> Result<(), GpuError> {
         session.write(&self.header, 0, bytemuck::bytes_of(&GpuPicture { cache, ..self.picture }))
     }
 }
 
-/// Records of a cache, and how many are drawn at once.
-struct Drawing<'a> {
-    splatting: &'a Splatting,
-    target: &'a Target,
-    splat_group: BindGroup,
-    resolve_group: BindGroup,
-    at_once: u32,
-    pace: Pace,
+/// Records on their way onto pixels.
+enum Adding<'a> {
+    Quads(Drawing<'a>),
+    Tiles(Tiling<'a>),
+}
+
+impl Adding<'_> {
+    /// Adds the records of a cache up, and answers by their sums.
+    ///
+    /// - `records`: of all
+    ///
+    /// Returns the seconds that it took on the device's clock, where that is asked.
+    fn add_cache(&mut self, session: &Arc<Session>, records: Range<u32>) -> Result<Option<f64>, GpuError> {
+        match self {
+            Adding::Quads(drawing) => drawing.add_cache(session, records),
+            Adding::Tiles(tiling) => tiling.add_cache(session, records),
+        }
+    }
 }
 
 impl Ready {
-    fn prepare_splatting(&mut self) -> Result<(), GpuError> {
-        if self.splatting.is_none() {
-            let compiled = self.session.shader_seconds();
-            self.splatting = Some(Splatting::new(&self.session, &self.world)?);
-            self.shader_seconds += self.session.shader_seconds() - compiled;
-        }
-        Ok(())
+    fn prepare_splatting(&mut self, by: SplatBy) -> Result<(), GpuError> {
+        let compiled = self.session.shader_seconds();
+        let splatting = match &mut self.splatting {
+            Some(splatting) => splatting,
+            nothing => nothing.insert(Splatting::new(&self.session, &self.world)?),
+        };
+        let prepared = splatting.prepare(&self.session, &self.world, by);
+        self.shader_seconds += self.session.shader_seconds() - compiled;
+        prepared
     }
 
     /// What a picture sees.
@@ -200,27 +233,22 @@ impl Ready {
     }
 
     /// Splats the records of the light that is there, cache by cache.
-    fn splat(&mut self, world: &World, view: &View, pace: Pace) -> Result<Splatted, GpuError> {
-        self.prepare_splatting()?;
+    fn splat(&mut self, world: &World, view: &View, by: SplatBy, pace: Pace) -> Result<Splatted, GpuError> {
+        self.prepare_splatting(by)?;
         let (pixels, mut seconds) = self.see(world, view, pace.begin)?;
         let seen_seconds = seconds;
         let session = &self.session;
         let splatting = self.splatting.as_ref().ok_or_else(unprepared)?;
         let records = self.known.records().ok_or_else(no_records)?;
-        let [named, words] = &records.buffers;
-        let Pixels { header, drawn, points, answers, missing, picture } = &pixels;
-        let size = [picture.row, picture.height];
-        let target = session.target("sums of records", size, Overlap::Sum)?;
-        let mut drawing = Drawing {
-            splat_group: session.bind(&splatting.splat_layout, &[header, points, answers, named, words])?,
-            resolve_group: session
-                .bind(&splatting.resolve_layout, &[header, points, drawn, answers, missing])?,
-            splatting,
-            target: &target,
-            at_once: u32::try_from(pace.covered_first / pixels.count())
-                .unwrap_or(u32::MAX)
-                .clamp(1, pace.at_once_max),
-            pace,
+        let mut adding = match by {
+            SplatBy::Quads => {
+                let steps = splatting.quads.as_ref().ok_or_else(unprepared)?;
+                Adding::Quads(Drawing::new(session, steps, &pixels, records, pace)?)
+            }
+            SplatBy::Tiles => {
+                let steps = splatting.tiles.as_ref().ok_or_else(unprepared)?;
+                Adding::Tiles(Tiling::new(session, steps, &pixels, records, pace)?)
+            }
         };
         let mut first = 0;
         for (cache, count) in (0..).zip(&records.counts) {
@@ -228,7 +256,7 @@ impl Ready {
             // The finest says what is missing, whatever it has.
             if cache == 0 || *count > 0 {
                 pixels.turn_to(session, cache)?;
-                let of_cache = drawing.draw_cache(session, &pixels, first..end)?;
+                let of_cache = adding.add_cache(session, first..end)?;
                 seconds = seconds.zip(of_cache).map(|(before, of_cache)| before + of_cache);
             }
             first = end;
@@ -247,49 +275,6 @@ impl Ready {
             missing,
             seconds: seen_seconds.zip(seconds).map(|(seen, all)| SplatSeconds { seen, splats: all - seen }),
         })
-    }
-}
-
-impl Drawing<'_> {
-    /// Draws the records of a cache, as many at once as take no longer than they may, and answers by their sums.
-    ///
-    /// - `records`: of all
-    ///
-    /// Returns the seconds that it took on the device's clock, where that is asked.
-    fn draw_cache(
-        &mut self,
-        session: &Arc<Session>,
-        pixels: &Pixels,
-        records: Range<u32>,
-    ) -> Result<Option<f64>, GpuError> {
-        let Pixels { picture, drawn, .. } = pixels;
-        let mut gpu_seconds = Some(0.0);
-        let resolve = &self.splatting.resolve;
-        let mut next = records.start;
-        loop {
-            let start = Instant::now();
-            let numbers = next..records.end.min(next.saturating_add(self.at_once));
-            let begins = if next == records.start { SumsBegin::AtZero } else { SumsBegin::AsTheyAre };
-            next = numbers.end;
-            let mut batch = (self.pace.begin)(session, "records of a picture")?;
-            let quads = Quads { size: [picture.width, picture.height], numbers, begins };
-            batch.add(&self.splatting.splat, &[&self.splat_group], self.target, quads)?;
-            if next == records.end {
-                batch.copy_target(self.target, drawn)?;
-                batch.dispatch(resolve, &[&self.resolve_group], resolve.workgroups(pixels.count() as u64))?;
-            }
-            let of_batch = batch.submit()?.gpu_seconds()?;
-            gpu_seconds = gpu_seconds.zip(of_batch).map(|(before, of_batch)| before + of_batch);
-            if next == records.end {
-                return Ok(gpu_seconds);
-            }
-            let seconds = start.elapsed().as_secs_f64();
-            if seconds > self.pace.seconds_max {
-                self.at_once = (self.at_once / 2).max(1);
-            } else if seconds < self.pace.seconds_max / 3.0 {
-                self.at_once = self.at_once.saturating_mul(2).min(self.pace.at_once_max);
-            }
-        }
     }
 }
 
@@ -367,33 +352,58 @@ impl GpuScene {
     /// - `view`: with perspective
     /// - `known`: has records
     ///
-    /// Errors: what the card does not do; [`GpuError::Insufficient`] where it cannot add up floats, [`GpuError::OutOfMemory`] or
-    /// [`GpuError::LightTooLarge`] where a picture of that size or the light has no room.
+    /// Errors: what the card does not do; [`GpuError::OutOfMemory`] or [`GpuError::LightTooLarge`] where a picture of that size or the
+    /// light has no room.
     pub fn splatted(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Splatted, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::batch))
+        self.splatted_by(view, known, SplatBy::default())
+    }
+
+    /// The same by either way, to the same sums but for rounding.
+    ///
+    /// Errors: as [`GpuScene::splatted`]; [`GpuError::Insufficient`] where quads are asked for and the card cannot add up floats.
+    pub fn splatted_by(
+        &self,
+        view: &View,
+        known: &Arc<dyn SecondaryLight>,
+        by: SplatBy,
+    ) -> Result<Splatted, GpuError> {
+        self.through_losses(|| self.splat_once(view, known, by, self.pace(Session::batch)))
     }
 
     /// The same by the device's clock: [`Splatted::seconds`].
     ///
-    /// Errors: as [`GpuScene::splatted`].
-    pub fn splatted_timed(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Splatted, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::timed_batch))
+    /// Errors: as [`GpuScene::splatted_by`].
+    pub fn splatted_timed(
+        &self,
+        view: &View,
+        known: &Arc<dyn SecondaryLight>,
+        by: SplatBy,
+    ) -> Result<Splatted, GpuError> {
+        self.through_losses(|| self.splat_once(view, known, by, self.pace(Session::timed_batch)))
     }
 
     /// [`Splatted::missing`] of [`GpuScene::splatted`], also where the device is lost in between.
     ///
     /// Errors: as [`GpuScene::splatted`].
     pub fn missing(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Vec<u32>, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, COVERED_FIRST, Session::batch)?.missing())
+        let pace = self.pace(Session::batch);
+        self.through_losses(|| self.splat_once(view, known, SplatBy::default(), pace)?.missing())
     }
 
-    /// - `covered_first`, `begin`: see [`Pace`]
+    pub(super) fn pace(&self, begin: Begin) -> Pace {
+        let (seconds_max, at_once_max) = match self.is_software {
+            true => (SOFTWARE_BATCH_SECONDS, SOFTWARE_AT_ONCE_MAX),
+            false => (BATCH_SECONDS, AT_ONCE_MAX),
+        };
+        Pace { covered_first: COVERED_FIRST, seconds_max, at_once_max, begin }
+    }
+
     pub(super) fn splat_once(
         &self,
         view: &View,
         known: &Arc<dyn SecondaryLight>,
-        covered_first: usize,
-        begin: Begin,
+        by: SplatBy,
+        pace: Pace,
     ) -> Result<Splatted, GpuError> {
         if !view.is_perspective {
             return Err(GpuError::Failed { what: "only perspective views are drawn".into() });
@@ -401,15 +411,10 @@ impl GpuScene {
         if !known.has_records() {
             return Err(no_records());
         }
-        let (seconds_max, at_once_max) = match self.is_software {
-            true => (SOFTWARE_BATCH_SECONDS, SOFTWARE_AT_ONCE_MAX),
-            false => (BATCH_SECONDS, AT_ONCE_MAX),
-        };
-        let pace = Pace { covered_first, seconds_max, at_once_max, begin };
         let light = LightBeside { known: Some(known), focused: None };
         // Before light goes for a picture that cannot be.
         self.run(&mut *self.ready()?, |ready| {
-            let able = ready.prepare_splatting().and_then(|()| check_size(&ready.session, view));
+            let able = ready.prepare_splatting(by).and_then(|()| check_size(&ready.session, view));
             match able {
                 Err(error @ (GpuError::OutOfMemory { .. } | GpuError::Insufficient { .. })) => Ok(Err(error)),
                 able => able.map(Ok),
@@ -419,10 +424,10 @@ impl GpuScene {
         let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
         let splatted = self.run(&mut held, |ready| {
             ready.known.bring(&ready.session, light, &packed)?;
-            let splatted = match ready.splat(self.world(), view, pace) {
+            let splatted = match ready.splat(self.world(), view, by, pace) {
                 Err(GpuError::OutOfMemory { .. }) => {
                     ready.known.forget_others();
-                    ready.splat(self.world(), view, pace)
+                    ready.splat(self.world(), view, by, pace)
                 }
                 splatted => splatted,
             };

@@ -1,15 +1,16 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
 use lumicast_shaders::{
-    CAUSTICS_PLACE, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT, PATH_SHADE,
-    PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
+    CAUSTICS_PLACE, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT,
+    IRRADIANCE_SPLAT_TILES, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES,
+    PROOF_CONSTANTS,
 };
 
 use super::{
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
     super::sketch::{CELL_WORDS, GpuSketch, GpuWindows, PLACE_WORDS},
-    super::splats::{GpuPicture, GpuSeenPoint},
+    super::splats::{GpuPicture, GpuSeenPoint, GpuTileSlice},
     gather::{GpuGatherRay, GpuRaySample},
     splats::{SEES_DIFFUSE, SEES_NOTHING, SEES_OTHER},
     *,
@@ -94,7 +95,8 @@ fn sketches_lie_alike_in_rust_and_wgsl() {
 /// So do pictures that records are splatted onto.
 #[test]
 fn pictures_of_records_lie_alike_in_rust_and_wgsl() {
-    let steps = [&IRRADIANCE_SEEN, &IRRADIANCE_RESOLVE].map(|step| step.source(PROOF_CONSTANTS));
+    let steps = [&IRRADIANCE_SEEN, &IRRADIANCE_RESOLVE, &IRRADIANCE_SPLAT_TILES]
+        .map(|step| step.source(PROOF_CONSTANTS));
     for source in steps.into_iter().chain([IRRADIANCE_SPLAT.source(PROOF_CONSTANTS)]) {
         assert_same_layout!(
             &source,
@@ -126,6 +128,11 @@ fn pictures_of_records_lie_alike_in_rust_and_wgsl() {
             assert_eq!(numbers[name], f64::from(number), "{name}");
         }
     }
+    assert_same_layout!(
+        &IRRADIANCE_SPLAT_TILES.source(PROOF_CONSTANTS),
+        "TileSlice",
+        GpuTileSlice { first_tile, end_tile, first_record, end_record, begins, ends, padding_0, padding_1 }
+    );
     let numbers = numbers_of(&IRRADIANCE_SPLAT.source(PROOF_CONSTANTS));
     assert_eq!(numbers["SPHERE_SLACK_PX"], f64::from(crate::technique::path::view::SPHERE_SLACK_PX));
 }

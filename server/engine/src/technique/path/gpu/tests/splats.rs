@@ -5,10 +5,12 @@
 //! double precision, and what is said may differ by what those bounds leave open: with E = Σ w Eₖ / Σ w and other weights w',
 //! E' − E = Σ (w' − w) (Eₖ − E) / Σ w'.
 
+mod ways;
+
 use glam::{Vec3, Vec3Swizzles};
 
 use super::{
-    super::splats::GpuSeenPoint,
+    super::splats::{GpuSeenPoint, SplatBy},
     gathering::cabinet,
     known_light::{ALL_STEPS, SOME_STEPS, gathered},
     textures::masked,
@@ -16,7 +18,7 @@ use super::{
 };
 use crate::{
     accel::Ray,
-    gpu::{GpuOptions, Session},
+    gpu::GpuOptions,
     math::{sobol::point, warp},
     scene::{Projection, samples},
     technique::irradiance::{Facing, IrradianceCache, IrradianceSettings, Record, Weighing},
@@ -39,6 +41,9 @@ const BENT_MAX: f32 = 1e-2;
 /// Share of pixels at which rounding decides whether a record counts, at most. A few are to be expected: borders of spheres and horizons
 /// are lines of pixels, and rounding moves them by a hundred-thousandth of a pixel.
 const UNDECIDED_MAX: f64 = 2e-3;
+
+/// Every law holds for both.
+const WAYS: [SplatBy; 2] = [SplatBy::Quads, SplatBy::Tiles];
 
 fn view_of(shot: &Shot) -> View {
     View::new(&shot.world, &shot.camera, shot.size)
@@ -248,11 +253,24 @@ struct Likeness {
     mean_allowed: f64,
 }
 
-/// Asserts that a picture shows what look-ups at its points say, and misses what they miss.
+/// Asserts that a picture shows what look-ups at its points say, and misses what they miss, splatted either way.
 fn splatted_alike(name: &str, gpu: &Arc<Gpu>, shot: &Shot, cache: &IrradianceCache) -> Likeness {
+    let [by_quads, by_tiles] = WAYS.map(|by| splatted_alike_by(name, gpu, shot, cache, by));
+    let counts = |found: &Likeness| [found.diffuse, found.answered, found.missing, found.undecided];
+    assert_eq!(counts(&by_quads), counts(&by_tiles), "{name}");
+    by_tiles
+}
+
+fn splatted_alike_by(
+    name: &str,
+    gpu: &Arc<Gpu>,
+    shot: &Shot,
+    cache: &IrradianceCache,
+    by: SplatBy,
+) -> Likeness {
     let known: Arc<dyn SecondaryLight> = Arc::new(cache.clone());
     let view = view_of(shot);
-    let splatted = on_card(gpu, shot).splatted(&view, &known).unwrap();
+    let splatted = on_card(gpu, shot).splatted_by(&view, &known, by).unwrap();
     let (points, irradiances) = (splatted.points(), splatted.irradiances().unwrap());
     let missing = splatted.missing().unwrap();
     assert!(missing.is_sorted_by(|a, b| a < b));
@@ -298,7 +316,7 @@ fn splatted_alike(name: &str, gpu: &Arc<Gpu>, shot: &Shot, cache: &IrradianceCac
     }
     let answered = found.answered.max(1) as f64;
     (found.mean_off, found.mean_allowed) = (found.mean_off / answered, found.mean_allowed / answered);
-    eprintln!("{name}: {} records, {found:?}", cache.records().len());
+    eprintln!("{name}, by {by:?}: {} records, {found:?}", cache.records().len());
     let undecided_max = 2.0 + UNDECIDED_MAX * found.diffuse as f64;
     assert!(found.undecided as f64 <= undecided_max, "{name}: {}", found.undecided);
     found
@@ -437,33 +455,14 @@ fn a_record_at_the_very_point_holds_there() {
     (record.irradiance, record.moving) = (irradiance, [Vec3::ONE * 1e3; 3]);
     cache.insert(record);
     let known: Arc<dyn SecondaryLight> = Arc::new(cache);
-    let splatted = scene.splatted(&view, &known).unwrap();
-    let irradiances = splatted.irradiances().unwrap();
-    assert_eq!(irradiances.iter().flatten().count(), 1);
-    assert_eq!(irradiances[number], Some(irradiance));
     let others = (0..).zip(&points).filter(|(_, point)| point.sees == SEES_DIFFUSE).map(|(other, _)| other);
     let others: Vec<u32> = others.filter(|other| *other != number as u32).collect();
-    assert_eq!(splatted.missing().unwrap(), others);
-}
-
-/// However many records are drawn at once, sums have the same bits.
-#[test]
-fn batches_of_any_size_bring_the_same_bits() {
-    let Some(gpu) = shared() else { return };
-    let shot = shot(samples::boxes().unwrap());
-    let (view, scene) = (view_of(&shot), on_card(&gpu, &shot));
-    let weighing = Weighing { accuracy: 0.3, is_smooth: true, has_gradients: true };
-    let fine = strewn(&shot, weighing, 200, [0.1, 0.5]);
-    let cache = fine.before(strewn(&shot, weighing, 70, [0.5, 1.0]));
-    let known: Arc<dyn SecondaryLight> = Arc::new(cache);
-    let of = |covered_first: usize| {
-        let splatted = scene.splat_once(&view, &known, covered_first, Session::batch).unwrap();
-        (splatted.irradiances().unwrap(), splatted.missing().unwrap())
-    };
-    let (irradiances, missing) = of(usize::MAX / 2);
-    assert!(irradiances.iter().flatten().count() > 300 && missing.len() > 100);
-    for covered_first in [1, 5 * shot.size.pixel_count(), 199 * shot.size.pixel_count()] {
-        assert!(of(covered_first) == (irradiances.clone(), missing.clone()), "{covered_first}");
+    for by in WAYS {
+        let splatted = scene.splatted_by(&view, &known, by).unwrap();
+        let irradiances = splatted.irradiances().unwrap();
+        assert_eq!(irradiances.iter().flatten().count(), 1, "{by:?}");
+        assert_eq!(irradiances[number], Some(irradiance), "{by:?}");
+        assert_eq!(splatted.missing().unwrap(), others, "{by:?}");
     }
 }
 
@@ -476,12 +475,18 @@ fn splatting_survives_losses() {
     let (view, scene) = (view_of(&shot), on_card(&gpu, &shot));
     let cache = strewn(&shot, PLAIN, 300, [0.1, 0.5]);
     let known: Arc<dyn SecondaryLight> = Arc::new(cache);
-    let before = scene.splatted(&view, &known).unwrap();
-    let (irradiances, missing) = (before.irradiances().unwrap(), before.missing().unwrap());
-    gpu.session().unwrap().lose_for_test();
-    assert_eq!(before.irradiances(), Err(GpuError::Lost));
-    assert_eq!(before.missing(), Err(GpuError::Lost));
-    assert_eq!(scene.missing(&view, &known).unwrap(), missing);
+    let missing = scene.missing(&view, &known).unwrap();
+    for by in WAYS {
+        let before = scene.splatted_by(&view, &known, by).unwrap();
+        let irradiances = before.irradiances().unwrap();
+        assert_eq!(before.missing().unwrap(), missing);
+        gpu.session().unwrap().lose_for_test();
+        assert_eq!(before.irradiances(), Err(GpuError::Lost));
+        assert_eq!(before.missing(), Err(GpuError::Lost));
+        let after = scene.splatted_by(&view, &known, by).unwrap();
+        assert_eq!(after.irradiances().unwrap(), irradiances);
+        assert_eq!(after.missing().unwrap(), missing);
+    }
     // Some of these devices are lost while they draw, whichever those are.
     std::thread::scope(|scope| {
         scope.spawn(|| {
@@ -494,7 +499,6 @@ fn splatting_survives_losses() {
             assert_eq!(scene.missing(&view, &known).unwrap(), missing);
         }
     });
-    assert_eq!(scene.splatted(&view, &known).unwrap().irradiances().unwrap(), irradiances);
 }
 
 /// Where a picture has no room beside light that others have asked for, that goes.
