@@ -27,8 +27,8 @@ use self::kernel::{DEPTH, Joined, KnownBetter, PerDifference, WITHOUT_BOUND};
 pub(crate) use self::planes::Planes;
 #[cfg(feature = "gpu")]
 pub(crate) use self::{
-    kernel::{NUMBERS, PLANES},
-    planes::MARGIN,
+    kernel::{DEPTH as DEPTH_APART, NUMBERS, PLANES},
+    planes::{MARGIN, stride_of},
 };
 use super::{
     Film,
@@ -37,13 +37,13 @@ use super::{
 use crate::{math::Rgb, transport::PathClass};
 
 /// Levels: the last joins pixels that are 8 apart.
-const LEVELS: usize = 4;
+pub(crate) const LEVELS: usize = 4;
 /// Pixels that a thread takes at least.
-const PIXELS_TOGETHER: usize = 1024;
+pub(super) const PIXELS_TOGETHER: usize = 1024;
 /// Samples below which their own variance is not believed: it is at least how light differs around.
 const BELIEVED: u32 = 4;
 /// Added to albedos that light is divided by: black surfaces show none.
-const ALBEDO_LEAST: f32 = 0.01;
+pub(crate) const ALBEDO_LEAST: f32 = 0.01;
 /// Largest number that tells surfaces apart, far beyond any albedo or depth in metres: sums of single samples that are sound may leave the
 /// range of floats, and what is compared or multiplied must not be infinite.
 pub(crate) const SURFACE_MAX: f32 = 1e30;
@@ -110,15 +110,14 @@ impl Unjoined<'_> {
     pub(crate) fn joined<const PLANES: usize>(&self) -> Planes {
         let Unjoined { surfaces, light, is_believed, levels } = *self;
         let mut light: Planes = light.made::<PLANES>(&KnownBetter { surfaces, light, is_believed });
+        // In turns, since fresh memory costs more than what is written to it.
+        let (mut next, mut per_difference) = (None, None);
         for level in 0..levels {
-            let per_difference = light.made(&PerDifference { light: &light });
-            let step = 1 << level;
-            light = light.made::<PLANES>(&Joined {
-                surfaces,
-                light: &light,
-                per_difference: &per_difference,
-                step,
-            });
+            let weighed = light.made_in(per_difference.take(), &PerDifference { light: &light });
+            let joined = Joined { surfaces, light: &light, per_difference: &weighed, step: 1 << level };
+            let made = light.made_in::<PLANES>(next.take(), &joined);
+            next = Some(std::mem::replace(&mut light, made));
+            per_difference = Some(weighed);
         }
         light
     }
@@ -228,9 +227,12 @@ struct Filter {
 impl Filter {
     /// - `class`: whose light is carried along by the weights that all light has, and whose change is told
     fn of(film: &Film, class: Option<PathClass>) -> Filter {
-        let has_caustics = film.layer(PathClass::Caustic).iter().any(|light| !light.is_black());
+        let has_caustics = film.has_any(|pixel, held| {
+            pixel.class_mean(PathClass::Caustic, held).iter().any(|light| *light != 0.0)
+        });
         let seen = film.image(Seen::NOTHING, |pixel, held| Seen::of(pixel, held, class, has_caustics));
-        let brightest = seen.iter().map(|seen| seen.light.max_component()).fold(0.0, f32::max);
+        let lights = seen.par_iter().with_min_len(PIXELS_TOGETHER).map(|seen| seen.light.max_component());
+        let brightest = lights.reduce(|| 0.0, f32::max);
         let scale = (-f64::from(brightest.max(f32::MIN_POSITIVE)).log2().ceil()).exp2();
         let width = film.size().width() as usize;
         let surfaces = surfaces(&seen, width);
@@ -303,7 +305,8 @@ impl Filter {
         }
         let squared = self.scale.powi(2);
         let luminance = |seen: &Seen| f64::from(seen.light.luminance()) * self.scale;
-        let mean = self.seen.iter().map(luminance).sum::<f64>() / self.seen.len() as f64;
+        let lights: Vec<f64> = sums_of(&self.seen, |seen| [luminance(seen)]).into_iter().flatten().collect();
+        let mean = lights.iter().sum::<f64>() / self.seen.len() as f64;
         let floor = (0.01 * mean * mean).max(f64::MIN_POSITIVE);
         let last = light.count() - 1;
         let known = self.seen.par_iter().enumerate().with_min_len(PIXELS_TOGETHER).map(|(index, seen)| {
@@ -315,10 +318,25 @@ impl Filter {
             ([before * weight, left * weight], (left / squared).min(f64::from(f32::MAX)) as f32)
         });
         let (relative, variance): (Vec<[f64; 2]>, Vec<f32>) = known.unzip();
-        // In one order, whatever the threads.
-        let [all, rest] = relative.iter().fold([0.0; 2], |[all, rest], [a, b]| [all + a, rest + b]);
+        let sums = sums_of(&relative, |of_pixel| *of_pixel);
+        let [all, rest] = sums.into_iter().fold([0.0; 2], |[all, rest], [a, b]| [all + a, rest + b]);
         (variance, if all > 0.0 && all.is_finite() { rest / all } else { 1.0 })
     }
+}
+
+/// Sums of what each of some pixels has, [`PIXELS_TOGETHER`] at a time: in one order, whatever the threads.
+fn sums_of<T: Sync, const COUNT: usize>(
+    pixels: &[T],
+    of: impl Fn(&T) -> [f64; COUNT] + Sync,
+) -> Vec<[f64; COUNT]> {
+    let sum = |pixels: &[T]| {
+        let mut sums = [0.0; COUNT];
+        for pixel in pixels {
+            sums.iter_mut().zip(of(pixel)).for_each(|(sum, more)| *sum += more);
+        }
+        sums
+    };
+    pixels.par_chunks(PIXELS_TOGETHER).map(sum).collect()
 }
 
 /// What tells the surfaces of pixels apart.

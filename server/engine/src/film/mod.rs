@@ -27,9 +27,11 @@ pub use denoise::Denoising;
 pub use error::{CompareError, ImageError, compare};
 pub use gauged::{GAUGED_GROUPS, GaugedPixel, Lacking, lacking, measure_at};
 pub use measured::{BLACK_PASSES, MeasuredError};
-pub use picture::{Picture, PictureParts};
 #[cfg(all(test, feature = "gpu"))]
-pub(crate) use picture::{TracedPart, Weights};
+pub(crate) use picture::TracedPart;
+#[cfg(feature = "gpu")]
+pub(crate) use picture::Weights;
+pub use picture::{Picture, PictureParts};
 pub use pixel::PixelSample;
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
@@ -229,24 +231,29 @@ impl Film {
         self.tiles.iter().map(of_tile).min().unwrap_or(0)
     }
 
-    /// One value per pixel, from tiles to rows; `empty` where no pass has run.
-    fn image<T: Copy + Send>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
+    /// One value per pixel, from tiles to rows; `empty` where no pass has run. Every value is written once, by the thread that finds it: what
+    /// one thread writes beforehand takes it longer than all of them the rest.
+    fn image<T: Copy + Send + Sync>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
         let width = self.size.width as usize;
-        let mut image = vec![empty; self.size.pixel_count()];
-        let columns = self.size.width.div_ceil(TILE_SIDE) as usize;
-        let rows = image.par_chunks_mut(width * TILE_SIDE as usize);
-        rows.zip(self.tiles.par_chunks(columns)).for_each(|(rows, tiles)| {
-            for tile in tiles.iter().filter(|tile| tile.passes() > 0) {
-                let (left, size) = (tile.origin().x as usize, tile.size());
-                let pixels = tile.pixels.chunks_exact(size.x as usize);
-                for (to, row) in rows.chunks_exact_mut(width).zip(pixels) {
-                    for (to, pixel) in to[left..].iter_mut().zip(row) {
-                        *to = value(pixel, tile.held());
-                    }
-                }
+        let side = TILE_SIDE as usize;
+        let columns = width.div_ceil(side);
+        let at = |index: usize| {
+            let (y, x) = (index / width, index % width);
+            let tile = &self.tiles[y / side * columns + x / side];
+            if tile.passes() == 0 {
+                return empty;
             }
-        });
-        image
+            let pixel = y % side * tile.size().x as usize + x % side;
+            value(&tile.pixels[pixel], tile.held())
+        };
+        (0..self.size.pixel_count()).into_par_iter().with_min_len(width).map(at).collect()
+    }
+
+    /// Some pixel that has a pass is so.
+    fn has_any(&self, is_so: impl Fn(&Pixel, Held) -> bool + Sync) -> bool {
+        let of_tile =
+            |tile: &Tile| tile.passes() > 0 && tile.pixels.iter().any(|pixel| is_so(pixel, tile.held()));
+        self.tiles.par_iter().any(of_tile)
     }
 }
 

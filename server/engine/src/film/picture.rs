@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::{
     Film, MeasuredError, PictureSize, TILE_SIDE,
-    denoise::{Denoised, Denoising},
+    denoise::{Denoised, Denoising, PIXELS_TOGETHER},
     measured::{Beside, neighbourhood_mean, of_pixels, relative, standing},
     pixel::Pixel,
 };
@@ -208,9 +208,9 @@ impl<'a> Picture<'a> {
 
 /// Adds to every pixel; what rounding leaves below zero is black.
 fn change(image: &mut [Rgb], by: &[Rgb]) {
-    for (shown, change) in image.iter_mut().zip(by) {
+    image.par_iter_mut().zip(by).with_min_len(PIXELS_TOGETHER).for_each(|(shown, change)| {
         *shown = (*shown + *change).map(|channel| channel.max(0.0));
-    }
+    });
 }
 
 impl<'a> Blend<'a> {

@@ -8,7 +8,7 @@ use super::planes::{MARGIN, OfEight, Planes};
 const DEVIATIONS: f32 = 2.0;
 /// Differences of unit normals, of depths as a share, and of albedos, at which surfaces count as others: weights are e times less.
 const NORMAL: f32 = 0.2;
-pub(super) const DEPTH: f32 = 0.02;
+pub(crate) const DEPTH: f32 = 0.02;
 const ALBEDO: f32 = 0.1;
 /// How many times as far off as its slope says a depth may be.
 const SLOPE: f32 = 1.5;

@@ -15,6 +15,11 @@ pub(super) trait OfEight<const COUNT: usize>: Sync {
 /// Columns on either side of a picture that can be read as others are: no step is longer.
 pub(crate) const MARGIN: usize = 8;
 
+/// Numbers from one plane of a row to the next, in pictures of a width.
+pub(crate) fn stride_of(width: usize) -> usize {
+    MARGIN + width.next_multiple_of(EIGHT) + MARGIN
+}
+
 /// Numbers of every pixel: rows top to bottom, in each one plane after the other, in each of them the pixels of the row between margins.
 /// The margin on the right is wider where the width is no multiple of eight.
 #[derive(Clone, Debug)]
@@ -27,9 +32,10 @@ pub(crate) struct Planes {
 }
 
 impl Planes {
-    fn filled(width: usize, rows: usize, count: usize, with: f32) -> Planes {
-        let stride = MARGIN + width.next_multiple_of(EIGHT) + MARGIN;
-        Planes { width, rows, count, stride, numbers: vec![with; rows * count * stride] }
+    /// Nothing but zeros, which cost nothing before something is written.
+    fn zeros(width: usize, rows: usize, count: usize) -> Planes {
+        let stride = stride_of(width);
+        Planes { width, rows, count, stride, numbers: vec![0.0; rows * count * stride] }
     }
 
     /// Of the pixels' numbers, row by row; the margins hold others.
@@ -39,10 +45,14 @@ impl Planes {
         margins: f32,
         at: impl Fn(usize, &T) -> [f32; COUNT] + Sync,
     ) -> Planes {
-        let mut planes = Planes::filled(width, pixels.len() / width, COUNT, margins);
+        let mut planes = Planes::zeros(width, pixels.len() / width, COUNT);
         let stride = planes.stride;
         planes.numbers.par_chunks_mut(COUNT * stride).zip(pixels.par_chunks(width)).enumerate().for_each(
             |(y, (numbers, row))| {
+                for plane in numbers.chunks_exact_mut(stride) {
+                    plane[..MARGIN].fill(margins);
+                    plane[MARGIN + width..].fill(margins);
+                }
                 for (x, pixel) in row.iter().enumerate() {
                     for (plane, number) in at(y * width + x, pixel).into_iter().enumerate() {
                         numbers[plane * stride + MARGIN + x] = number;
@@ -53,9 +63,23 @@ impl Planes {
         planes
     }
 
-    /// Others of as many pixels, with zeros in their margins.
+    /// Others of as many pixels.
     pub(super) fn made<const COUNT: usize>(&self, by: &impl OfEight<COUNT>) -> Planes {
-        let mut planes = Planes::filled(self.width, self.rows, COUNT, 0.0);
+        self.made_in(None, by)
+    }
+
+    /// The same.
+    ///
+    /// - `room`: others of as many pixels, with as many numbers of each, which nobody needs any more
+    pub(super) fn made_in<const COUNT: usize>(
+        &self,
+        room: Option<Planes>,
+        by: &impl OfEight<COUNT>,
+    ) -> Planes {
+        let is_as_large =
+            |room: &Planes| [room.width, room.rows, room.count] == [self.width, self.rows, COUNT];
+        let room = room.filter(is_as_large);
+        let mut planes = room.unwrap_or_else(|| Planes::zeros(self.width, self.rows, COUNT));
         let (stride, level) = (planes.stride, Level::new());
         // The same operations with all instructions, and none of them fuses: the same bytes.
         planes.numbers.par_chunks_mut(COUNT * stride).enumerate().for_each(|(y, numbers)| {
