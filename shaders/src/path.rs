@@ -36,6 +36,8 @@ static BEGIN_RAY_ENTRY: Part =
 static CLOSEST_ENTRY: Part = Part { name: "path/closest", source: include_str!("../path/closest.wgsl") };
 static SHADE_ENTRY: Part = Part { name: "path/shade", source: include_str!("../path/shade.wgsl") };
 static TURN_ENTRY: Part = Part { name: "path/turn", source: include_str!("../path/turn.wgsl") };
+static HAND_OVER_ENTRY: Part =
+    Part { name: "path/hand_over", source: include_str!("../path/hand_over.wgsl") };
 static OCCLUDED_ENTRY: Part = Part { name: "path/occluded", source: include_str!("../path/occluded.wgsl") };
 
 /// A step that shades: what paths bring, and what they ask for light.
@@ -86,6 +88,14 @@ pub static PATH_TURN: Step = Step {
     entry_point: "turn",
     parts: &[&TREE, &UNMASKED, &STATE, &TURN_ENTRY],
     workgroup_size: [1, 1, 1],
+};
+
+/// Hands the last paths of a slice over, for others to follow.
+pub static PATH_HAND_OVER: Step = Step {
+    name: "path/hand_over",
+    entry_point: "hand_over",
+    parts: &[&TREE, &UNMASKED, &STATE, &HAND_OVER_ENTRY],
+    workgroup_size: [64, 1, 1],
 };
 
 /// Adds the light samples that nothing hides.

@@ -207,6 +207,7 @@ impl SceneOnCard {
                 // Drivers may panic in wgpu: that is a failure like others.
                 let made = catch_unwind(AssertUnwindSafe(|| {
                     Shading::all(has_focused).try_for_each(|shading| scene.make_ready(shading))?;
+                    scene.make_ready_to_show()?;
                     if has_focused { scene.make_ready_to_sketch() } else { Ok(()) }
                 }));
                 let failed =

@@ -5,12 +5,21 @@ use crate::images::{self, EncodeError, JpegQuality};
 use glam::UVec2;
 use lumicast_engine::film::{Display, Picture, PictureSize};
 use lumicast_protocol::{Codec, PayloadCodec, Quality};
+use std::sync::Arc;
 
 /// Packs the pictures of one viewer. Keeps the tables of its last exposure and tone map: making them takes longer than
 /// showing a small picture.
 #[derive(Debug, Default)]
 pub(super) struct Packer {
-    display: Option<(lumicast_protocol::ToneMap, f32, Display)>,
+    display: Option<(lumicast_protocol::ToneMap, f32, Arc<Display>)>,
+}
+
+/// A picture that is packed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Packed<'a> {
+    pub(super) picture: &'a Picture<'a>,
+    /// Its bytes, where a card has shown it already, and as what.
+    pub(super) shown: Option<(&'a Arc<Display>, &'a [u8])>,
 }
 
 /// How a picture is packed, by what the viewer asked for and whether the picture rests.
@@ -24,27 +33,36 @@ pub(super) fn codec(asked: Codec, converged: bool) -> PayloadCodec {
 }
 
 impl Packer {
+    /// How pictures are shown.
+    pub(super) fn display(&mut self, quality: &Quality) -> &Arc<Display> {
+        let (tone_map, exposure_ev) = (quality.tone_map, quality.exposure_ev);
+        let fits = |(made, ev, _): &(_, f32, _)| *made == tone_map && *ev == exposure_ev;
+        if !self.display.as_ref().is_some_and(fits) {
+            self.display = None;
+        }
+        let make = || {
+            let display = Display::new(convert::tone_map(tone_map), exposure_ev);
+            (tone_map, exposure_ev, Arc::new(display))
+        };
+        &self.display.get_or_insert_with(make).2
+    }
+
     /// The payload of a frame, with dots in `marked` pixels unless it is a float one. Runs its parallel parts on the current rayon pool.
     pub(super) fn pack(
         &mut self,
-        picture: &Picture<'_>,
+        Packed { picture, shown }: Packed<'_>,
         quality: &Quality,
         codec: PayloadCodec,
         marked: &[UVec2],
     ) -> Result<Vec<u8>, EncodeError> {
-        let radiance = picture.radiance();
         if codec == PayloadCodec::Float {
-            return Ok(images::rgb_f32_le(&radiance));
+            return Ok(images::rgb_f32_le(&picture.radiance()));
         }
-        let (tone_map, exposure_ev) = (quality.tone_map, quality.exposure_ev);
-        let fits = |(made, ev, _): &(_, f32, _)| *made == tone_map && *ev == exposure_ev;
-        if !self.display.as_ref().is_some_and(fits) {
-            let display = Display::new(convert::tone_map(tone_map), exposure_ev);
-            self.display = Some((tone_map, exposure_ev, display));
-        }
-        // Just put there.
-        let Some((_, _, display)) = &self.display else { unreachable!() };
-        let mut bytes = display.show_all(&radiance);
+        let display = self.display(quality);
+        let mut bytes = match shown {
+            Some((shown_as, bytes)) if Arc::ptr_eq(shown_as, display) => bytes.to_vec(),
+            _ => display.show_all(&picture.radiance()),
+        };
         marked.iter().for_each(|pixel| mark(&mut bytes, picture.size(), *pixel));
         match codec {
             PayloadCodec::Png => images::png_fast(&bytes, picture.size()),

@@ -332,6 +332,10 @@ impl Painter {
                 {
                     layer.rendering.begin_with(sketch);
                 }
+                if frames::codec(wish.quality.codec, false) != PayloadCodec::Float {
+                    self.on_card.draw(&mut layer.rendering, &self.scene.workshop);
+                    layer.rendering.show_first_as(film.packer.display(&wish.quality));
+                }
                 // Without the sketch, which takes as long for a picture of any size.
                 let (before, started) = (layer.rendering.sample_count(), Instant::now());
                 let complete =
@@ -548,7 +552,8 @@ impl Painter {
         let packed = self.scene.workshop.drawing_pool.install(|| {
             let are_shown = wish.quality.show_records && codec != PayloadCodec::Float;
             let marked = if are_shown { rendering.places_seen() } else { Vec::new() };
-            packer.pack(&picture, &wish.quality, codec, &marked)
+            let packed = frames::Packed { picture: &picture, shown: rendering.shown_by_card() };
+            packer.pack(packed, &wish.quality, codec, &marked)
         });
         let payload = match packed {
             Ok(payload) => payload,

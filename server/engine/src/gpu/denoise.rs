@@ -22,7 +22,9 @@ use lumicast_shaders::{Constant, FILM_JOINED, FILM_KNOWN_BETTER, FILM_PER_DIFFER
 use super::{Batch, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session, batch::Begin};
 use crate::film::{
     Denoising, Film,
-    denoise::{ALONE, MARGIN, NUMBERS, PLANES, Planes, SURFACE_MAX, SURFACE_PLANES, Unjoined},
+    denoise::{
+        ALONE, LEVELS, MARGIN, NUMBERS, PLANES, Planes, SURFACE_MAX, SURFACE_PLANES, Unjoined, stride_of,
+    },
 };
 
 /// Pixels at once, margins included: planes of their surfaces take 80 MiB, within the 128 MiB that every adapter binds.
@@ -33,6 +35,11 @@ const SURFACE_BYTES: u64 = (SURFACE_PLANES * size_of::<f32>()) as u64;
 /// 10⁴, but half of N times as much where N passes have lost the samples of some class: 5·10⁹ after 10⁶. Differences of light by what they are multiplied by stay in the range of floats.
 const LIGHT_MAX: f32 = 1e7;
 const VARIANCE_MAX: f32 = 1e16;
+
+/// Pixels, with their margins, that a device takes at once.
+pub(super) fn pixels_at_once(session: &Session) -> usize {
+    PIXELS_AT_ONCE.min((session.limits.max_storage_buffer_binding_size / SURFACE_BYTES) as usize)
+}
 
 /// `Band` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -91,7 +98,6 @@ impl DenoiseOnCard {
         let layout = session.layout(&[uniform, read, read, write])?;
         let layout_joined = session.layout(&[uniform, read, read, write, read])?;
         let constants = DenoiseOnCard::constants();
-        let binding_max = session.limits.max_storage_buffer_binding_size;
         Ok(DenoiseOnCard {
             session: Arc::clone(session),
             known_better: session.pipeline(&FILM_KNOWN_BETTER, &constants, &[&layout])?,
@@ -99,7 +105,7 @@ impl DenoiseOnCard {
             joined: session.pipeline(&FILM_JOINED, &constants, &[&layout_joined])?,
             layout,
             layout_joined,
-            pixels_at_once: PIXELS_AT_ONCE.min((binding_max / SURFACE_BYTES) as usize),
+            pixels_at_once: pixels_at_once(session),
         })
     }
 
@@ -120,6 +126,21 @@ impl DenoiseOnCard {
     /// Errors: as [`DenoiseOnCard::denoise`].
     pub fn denoise_timed(&self, film: &Film) -> Result<DenoisedOnCard, GpuError> {
         self.denoised(film, Session::timed_batch)
+    }
+
+    /// Joins what a first pass has laid out: where it is then, and the seconds that took on the card, where they are asked.
+    ///
+    /// - `size`: width and rows
+    pub(super) fn join_first<'a>(
+        &'a self,
+        buffers: &'a BandBuffers,
+        size: [usize; 2],
+        begin: Begin,
+    ) -> Result<(&'a Buffer, Option<f64>), GpuError> {
+        let mut band = Band::of(self, buffers, size, false, begin);
+        let last = band.join_all(LEVELS)?;
+        band.submit(last)?;
+        Ok((band.light(), band.step_seconds))
     }
 
     fn denoised(&self, film: &Film, begin: Begin) -> Result<DenoisedOnCard, GpuError> {
@@ -143,8 +164,10 @@ impl DenoiseOnCard {
         for first in (0..rows).step_by(rows_at_once) {
             let wanted = first..rows.min(first + rows_at_once);
             let rows = wanted.start.saturating_sub(reach)..rows.min(wanted.end + reach);
-            let mut band = Band::of(self, unjoined, rows, begin)?;
-            let read_back = band.run(wanted)?;
+            let buffers = BandBuffers::of(&self.session, unjoined, rows.clone())?;
+            let size = [unjoined.light.width(), rows.len()];
+            let mut band = Band::of(self, &buffers, size, unjoined.is_believed, begin);
+            let read_back = band.run(unjoined.levels, wanted.start - rows.start..wanted.end - rows.start)?;
             numbers.extend(bytemuck::pod_collect_to_vec::<u8, f32>(&read_back.collect()?));
             step_seconds = step_seconds.zip(band.step_seconds).map(|(all, more)| all + more);
         }
@@ -152,68 +175,106 @@ impl DenoiseOnCard {
     }
 }
 
-/// Some rows of a picture on the card.
-struct Band<'a> {
-    card: &'a DenoiseOnCard,
-    begin: Begin,
-    levels: usize,
-    rows: Range<usize>,
-    header: GpuBand,
+/// What is known of the pixels of some rows.
+#[derive(Debug)]
+pub(super) struct BandBuffers {
     surfaces: Buffer,
     /// Before a step and after it, in turns.
     light: [Buffer; 2],
     per_difference: Buffer,
+}
+
+impl BandBuffers {
+    /// Of rows of a picture.
+    fn of(session: &Session, unjoined: &Unjoined<'_>, rows: Range<usize>) -> Result<BandBuffers, GpuError> {
+        let light = session.buffer_of("light", unjoined.light.of_rows(rows.clone()))?;
+        let joined = session.buffer_zeroed("light, joined", light.byte_count())?;
+        let bytes = light.byte_count() / ALONE as u64;
+        Ok(BandBuffers {
+            surfaces: session.buffer_of("surfaces", unjoined.surfaces.of_rows(rows))?,
+            light: [light, joined],
+            per_difference: session.buffer_zeroed("what differences count", bytes)?,
+        })
+    }
+
+    /// Of nothing yet, with room for so many pixels, margins included.
+    pub(super) fn zeroed(session: &Session, pixel_count: usize) -> Result<BandBuffers, GpuError> {
+        let planes =
+            |name, count: usize| session.buffer_zeroed(name, (count * pixel_count * size_of::<f32>()) as u64);
+        Ok(BandBuffers {
+            surfaces: planes("surfaces", SURFACE_PLANES)?,
+            light: [planes("light", ALONE)?, planes("light, joined", ALONE)?],
+            per_difference: planes("what differences count", 1)?,
+        })
+    }
+
+    /// What tells surfaces apart.
+    pub(super) fn surfaces(&self) -> &Buffer {
+        &self.surfaces
+    }
+
+    /// Light before it is joined.
+    pub(super) fn light(&self) -> &Buffer {
+        &self.light[0]
+    }
+}
+
+/// Some rows of a picture that are joined on the card.
+struct Band<'a> {
+    card: &'a DenoiseOnCard,
+    begin: Begin,
+    header: GpuBand,
+    buffers: &'a BandBuffers,
+    /// Which of both has the light.
+    turn: usize,
     step_seconds: Option<f64>,
 }
 
 impl<'a> Band<'a> {
     fn of(
         card: &'a DenoiseOnCard,
-        unjoined: &Unjoined<'_>,
-        rows: Range<usize>,
+        buffers: &'a BandBuffers,
+        [width, rows]: [usize; 2],
+        is_believed: bool,
         begin: Begin,
-    ) -> Result<Band<'a>, GpuError> {
-        let session = &card.session;
-        let stride = unjoined.light.stride();
-        let light = session.buffer_of("light", unjoined.light.of_rows(rows.clone()))?;
-        let joined = session.buffer_zeroed("light, joined", light.byte_count())?;
-        Ok(Band {
-            card,
-            begin,
-            levels: unjoined.levels,
-            header: GpuBand {
-                width: unjoined.light.width() as u32,
-                rows: rows.len() as u32,
-                stride: stride as u32,
-                step: 1,
-                is_believed: u32::from(unjoined.is_believed),
-            },
-            surfaces: session.buffer_of("surfaces", unjoined.surfaces.of_rows(rows.clone()))?,
-            light: [light, joined],
-            per_difference: session
-                .buffer_zeroed("what differences count", (rows.len() * stride * size_of::<f32>()) as u64)?,
-            rows,
-            step_seconds: Some(0.0),
-        })
+    ) -> Band<'a> {
+        let header = GpuBand {
+            width: width as u32,
+            rows: rows as u32,
+            stride: stride_of(width) as u32,
+            step: 1,
+            is_believed: u32::from(is_believed),
+        };
+        Band { card, begin, header, buffers, turn: 0, step_seconds: Some(0.0) }
     }
 
     /// All levels.
     ///
-    /// - `wanted`: rows that are brought back, of the whole picture
-    fn run(&mut self, wanted: Range<usize>) -> Result<ReadBack, GpuError> {
+    /// - `wanted`: rows that are brought back, of the band
+    fn run(&mut self, levels: usize, wanted: Range<usize>) -> Result<ReadBack, GpuError> {
         let bytes_of_row = (ALONE * self.header.stride as usize * size_of::<f32>()) as u64;
-        let row = |row: usize| (row - self.rows.start) as u64 * bytes_of_row;
-        let bytes = row(wanted.start)..row(wanted.end);
+        let mut batch = self.join_all(levels)?;
+        let bytes = wanted.start as u64 * bytes_of_row..wanted.end as u64 * bytes_of_row;
+        let read_back = batch.read_back(self.light(), bytes)?;
+        self.submit(batch)?;
+        Ok(read_back)
+    }
+
+    /// All levels, but for handing over the last.
+    fn join_all(&mut self, levels: usize) -> Result<Batch, GpuError> {
         let mut batch = (self.begin)(&self.card.session, "variance that is known better")?;
         self.know_better(&mut batch)?;
-        for level in 0..self.levels {
+        for level in 0..levels {
             self.submit(batch)?;
             batch = (self.begin)(&self.card.session, "pixels that are joined")?;
             self.join(&mut batch, 1 << level)?;
         }
-        let read_back = batch.read_back(&self.light[0], bytes)?;
-        self.submit(batch)?;
-        Ok(read_back)
+        Ok(batch)
+    }
+
+    /// As far as it was joined.
+    fn light(&self) -> &'a Buffer {
+        &self.buffers.light[self.turn]
     }
 
     fn submit(&mut self, batch: Batch) -> Result<(), GpuError> {
@@ -226,23 +287,26 @@ impl<'a> Band<'a> {
     }
 
     fn know_better(&mut self, batch: &mut Batch) -> Result<(), GpuError> {
-        let Band { card, header, surfaces, light: [before, after], .. } = self;
-        let header = card.session.buffer_of("band", &[*header])?;
-        let group = card.session.bind(&card.layout, &[&header, surfaces, before, after])?;
+        let Band { card, header, buffers, turn, .. } = *self;
+        let header = card.session.buffer_of("band", &[header])?;
+        let [before, after] = [&buffers.light[turn], &buffers.light[1 - turn]];
+        let group = card.session.bind(&card.layout, &[&header, &buffers.surfaces, before, after])?;
         batch.dispatch(&card.known_better, &[&group], self.workgroups(&self.card.known_better))?;
-        self.light.swap(0, 1);
+        self.turn = 1 - self.turn;
         Ok(())
     }
 
     fn join(&mut self, batch: &mut Batch, step: u32) -> Result<(), GpuError> {
-        let Band { card, header, surfaces, light: [before, after], per_difference, .. } = self;
-        let header = card.session.buffer_of("band", &[GpuBand { step, ..*header }])?;
+        let (card, turn, header) = (self.card, self.turn, self.header);
+        let BandBuffers { surfaces, light, per_difference, .. } = self.buffers;
+        let header = card.session.buffer_of("band", &[GpuBand { step, ..header }])?;
+        let [before, after] = [&light[turn], &light[1 - turn]];
         let group = card.session.bind(&card.layout, &[&header, surfaces, before, per_difference])?;
         let buffers = [&header, surfaces, before, after, per_difference];
         let group_joined = card.session.bind(&card.layout_joined, &buffers)?;
         batch.dispatch(&card.per_difference, &[&group], self.workgroups(&self.card.per_difference))?;
-        batch.dispatch(&self.card.joined, &[&group_joined], self.workgroups(&self.card.joined))?;
-        self.light.swap(0, 1);
+        batch.dispatch(&card.joined, &[&group_joined], self.workgroups(&self.card.joined))?;
+        self.turn = 1 - self.turn;
         Ok(())
     }
 

@@ -17,9 +17,9 @@ use std::{ops::Range, sync::Arc};
 use bytemuck::{Pod, Zeroable};
 use lumicast_shaders::{Constant, FILM_SHOW};
 
-use super::{Binding, Buffer, GpuError, Layout, Pipeline, Session, batch::Begin};
+use super::{Batch, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session, batch::Begin};
 use crate::{
-    film::{Display, Fit, PictureParts, RADIANCE_MAX, TILE_SIDE, ToneMap},
+    film::{Display, Fit, PictureParts, PictureSize, RADIANCE_MAX, TILE_SIDE, ToneMap, Weights},
     math::Rgb,
 };
 
@@ -50,14 +50,15 @@ struct GpuShowing {
 
 impl GpuShowing {
     /// All but the rows.
-    fn new(display: &Display, parts: &PictureParts) -> GpuShowing {
+    ///
+    /// - `weights`: of the path-traced film, if there is one
+    fn new(display: &Display, size: PictureSize, weights: Option<&Weights>) -> GpuShowing {
         let fit = Fit::of(display.tone_map());
         let padded = |rows: [[f32; 3]; 3]| rows.map(|[r, g, b]| [r, g, b, 0.0]);
         let mut curve = [0.0; 12];
         curve[..fit.curve.len()].copy_from_slice(&fit.curve);
-        let tiles = parts.traced.as_ref().map_or([0, 0], |traced| {
-            let columns = traced.weights.columns;
-            [columns as u32, (traced.weights.values.len() / columns) as u32]
+        let tiles = weights.map_or([0, 0], |weights| {
+            [weights.columns as u32, (weights.values.len() / weights.columns) as u32]
         });
         let factor = 2.0 * display.factor();
         GpuShowing {
@@ -67,7 +68,7 @@ impl GpuShowing {
             factor,
             bright: RADIANCE_MAX / factor,
             tone_map: display.tone_map() as u32,
-            width: parts.size.width(),
+            width: size.width(),
             row_first: 0,
             pixel_count: 0,
             tile_columns: tiles[0],
@@ -136,30 +137,38 @@ impl ShowOnCard {
     }
 
     fn shown(&self, display: &Display, parts: &PictureParts, begin: Begin) -> Result<ShownOnCard, GpuError> {
-        let factors = (-STOPS_MAX).exp2()..=STOPS_MAX.exp2();
-        if !factors.contains(&display.factor()) {
-            let what = format!("exposures beyond {STOPS_MAX} stops are shown on the CPU");
-            return Err(GpuError::Failed { what });
-        }
-        let session = &self.session;
-        let weights: Vec<f32> =
-            parts.traced.iter().flat_map(|traced| &traced.weights.values).map(|w| *w as f32).collect();
-        let showing = Showing {
-            header: GpuShowing::new(display, parts),
-            weights: session.buffer_of("weights of tiles", &weights)?,
-            thresholds: session.buffer_of("thresholds of codes", display.thresholds())?,
-            begin,
-        };
+        let showing =
+            self.showing(display, parts.size, parts.traced.as_ref().map(|traced| &traced.weights))?;
         let (width, height) = (parts.size.width() as usize, parts.size.height() as usize);
         let rows_at_once = (self.pixels_at_once / width).max(1);
         let mut all = ShownOnCard { codes: Vec::with_capacity(3 * width * height), step_seconds: Some(0.0) };
         for row in (0..height).step_by(rows_at_once) {
             let rows = row..height.min(row + rows_at_once);
-            let shown = self.rows(&showing, parts, rows)?;
+            let shown = self.rows(&showing, parts, rows, begin)?;
             all.codes.extend_from_slice(&shown.codes);
             all.step_seconds = all.step_seconds.zip(shown.step_seconds).map(|(all, more)| all + more);
         }
         Ok(all)
+    }
+
+    fn showing(
+        &self,
+        display: &Display,
+        size: PictureSize,
+        weights: Option<&Weights>,
+    ) -> Result<Showing, GpuError> {
+        let factors = (-STOPS_MAX).exp2()..=STOPS_MAX.exp2();
+        if !factors.contains(&display.factor()) {
+            let what = format!("exposures beyond {STOPS_MAX} stops are shown on the CPU");
+            return Err(GpuError::Failed { what });
+        }
+        let of_tiles: Vec<f32> =
+            weights.iter().flat_map(|weights| &weights.values).map(|weight| *weight as f32).collect();
+        Ok(Showing {
+            header: GpuShowing::new(display, size, weights),
+            weights: self.session.buffer_of("weights of tiles", &of_tiles)?,
+            thresholds: self.session.buffer_of("thresholds of codes", display.thresholds())?,
+        })
     }
 
     fn rows(
@@ -167,27 +176,55 @@ impl ShowOnCard {
         showing: &Showing,
         parts: &PictureParts,
         rows: Range<usize>,
+        begin: Begin,
     ) -> Result<ShownOnCard, GpuError> {
         let session = &self.session;
         let width = parts.size.width() as usize;
         let pixels = rows.start * width..rows.end * width;
-        let header =
-            GpuShowing { row_first: rows.start as u32, pixel_count: pixels.len() as u32, ..showing.header };
-        let header = session.buffer_of("what is shown", &[header])?;
         let traced: &[Rgb] = parts.traced.as_ref().map_or(&[], |traced| &traced.radiance[pixels.clone()]);
         let own = session.buffer_of("radiance", &parts.own[pixels.clone()])?;
         let traced = session.buffer_of("radiance, path-traced", traced)?;
-        let group_count = pixels.len().div_ceil(GROUP_PIXELS);
-        let words = session.buffer_zeroed("codes", (group_count * GROUP_BYTES) as u64)?;
-        let Showing { weights, thresholds, begin, .. } = showing;
-        let group = session.bind(&self.layout, &[&header, &own, &traced, weights, thresholds, &words])?;
         let mut batch = begin(session, "picture that is shown")?;
-        batch.dispatch(&self.pipeline, &[&group], self.pipeline.workgroups(group_count as u64))?;
-        let codes = batch.read_back(&words, 0..words.byte_count())?;
+        let codes = self.record_rows(&mut batch, showing, (pixels.len(), rows.start), [&own, &traced])?;
         let submission = batch.submit()?;
         let mut codes = codes.collect()?;
         codes.truncate(3 * pixels.len());
         Ok(ShownOnCard { codes, step_seconds: submission.gpu_seconds()? })
+    }
+
+    /// Shows radiance that is on the card, three floats a pixel, in one piece. The bytes have up to three more at their end.
+    ///
+    /// Errors: as [`ShowOnCard::show`].
+    pub(super) fn record(
+        &self,
+        batch: &mut Batch,
+        display: &Display,
+        size: PictureSize,
+        radiance: &Buffer,
+    ) -> Result<ReadBack, GpuError> {
+        let showing = self.showing(display, size, None)?;
+        let traced = self.session.buffer_of::<Rgb>("radiance, path-traced", &[])?;
+        self.record_rows(batch, &showing, (size.pixel_count(), 0), [radiance, &traced])
+    }
+
+    /// - `pixels`: how many, and the row of the first
+    /// - `films`: radiance of both
+    fn record_rows(
+        &self,
+        batch: &mut Batch,
+        showing: &Showing,
+        (pixel_count, row_first): (usize, usize),
+        [own, traced]: [&Buffer; 2],
+    ) -> Result<ReadBack, GpuError> {
+        let session = &self.session;
+        let Showing { header, weights, thresholds } = showing;
+        let header = GpuShowing { row_first: row_first as u32, pixel_count: pixel_count as u32, ..*header };
+        let header = session.buffer_of("what is shown", &[header])?;
+        let group_count = pixel_count.div_ceil(GROUP_PIXELS);
+        let words = session.buffer_zeroed("codes", (group_count * GROUP_BYTES) as u64)?;
+        let group = session.bind(&self.layout, &[&header, own, traced, weights, thresholds, &words])?;
+        batch.dispatch(&self.pipeline, &[&group], self.pipeline.workgroups(group_count as u64))?;
+        batch.read_back(&words, 0..words.byte_count())
     }
 }
 
@@ -196,5 +233,4 @@ struct Showing {
     header: GpuShowing,
     weights: Buffer,
     thresholds: Buffer,
-    begin: Begin,
 }

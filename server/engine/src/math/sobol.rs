@@ -138,6 +138,11 @@ impl PixelSampler {
         mix(seed.wrapping_add(0x9e37_79b9_7f4a_7c15))
     }
 
+    /// The numbers that [`PixelSampler::name`] names.
+    pub fn named(key: u64, index: u32) -> PixelSampler {
+        PixelSampler { key, index }
+    }
+
     /// What its numbers depend on: a key and an index. For twins of [`PixelSampler::four`].
     pub fn name(&self) -> (u64, u32) {
         (self.key, self.index)

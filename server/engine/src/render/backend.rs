@@ -15,13 +15,13 @@ use super::{
 };
 use crate::{
     effects::EffectPlan,
-    film::{Film, PictureSize},
+    film::{Display, Film, PictureSize},
     gpu::GpuError,
     scene::CameraView,
     technique::{
         ArrivingLight, Canvas, Counts, GatherRay, Products, Progress, SecondaryLight, Step, Technique, View,
         path::{
-            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, Shading,
+            ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, Shading, ShownAs,
             rays_over_a_picture,
         },
     },
@@ -179,6 +179,9 @@ pub(super) struct OnGpu {
     learning: Option<LearningOnCard>,
     /// For the path-traced film beside it.
     tracing: Option<GpuPathTracer>,
+    /// How the card is to show the first pass, and that as it did.
+    shown_as: Option<Arc<Display>>,
+    shown: Option<Vec<u8>>,
     /// What the CPU traced beside, and the seconds that took.
     cpu_rays: u64,
     cpu_seconds: f64,
@@ -269,7 +272,16 @@ impl Rendering {
     /// - `scene`: of the same world
     pub fn draw_on(&mut self, scene: Arc<GpuScene>) {
         let drawing = GpuPathTracer::new(Arc::clone(&scene), all_paths(&self.settings));
-        let on_gpu = OnGpu { drawing, learning: None, scene, tracing: None, cpu_rays: 0, cpu_seconds: 0.0 };
+        let on_gpu = OnGpu {
+            drawing,
+            learning: None,
+            scene,
+            tracing: None,
+            shown_as: None,
+            shown: None,
+            cpu_rays: 0,
+            cpu_seconds: 0.0,
+        };
         self.gpu = Some(Box::new(on_gpu));
         self.measuring.iter_mut().for_each(Measuring::go_without_openings);
         self.gpu_failure = None;
@@ -379,15 +391,34 @@ impl Rendering {
         }
     }
 
+    /// Lets the card that draws it show its first pass by itself, which takes it far less time than showing the film takes the CPU. Nothing
+    /// else changes; where no card draws it nothing does.
+    pub fn show_first_as(&mut self, display: &Arc<Display>) {
+        if let Some(gpu) = &mut self.gpu {
+            gpu.shown_as = Some(Arc::clone(display));
+        }
+    }
+
+    /// What its card has shown of it, as long as it has no more than that pass: sRGB bytes of what [`Rendering::picture`] shows, rows top to
+    /// bottom, but for codes that rounding decides; and as what.
+    pub fn shown_by_card(&self) -> Option<(&Arc<Display>, &[u8])> {
+        let is_of_first = self.lit_passes() == [1, 1] && self.traced.is_none();
+        let gpu = self.gpu.as_ref().filter(|_| is_of_first)?;
+        Some((gpu.shown_as.as_ref()?, gpu.shown.as_deref()?))
+    }
+
     /// A pass on the card; `None` where the CPU draws it, and after a failure.
     ///
     /// - `products`: focused light of the pass
     pub(super) fn draw_on_gpu(&mut self, products: &mut Products, cancel: &AtomicBool) -> Option<Progress> {
+        let denoises = self.denoises().is_some();
         let gpu = self.gpu.as_mut()?;
         let drawing = &mut gpu.drawing;
         drawing.draw_as(&self.technique);
+        drawing.show_first_as(gpu.shown_as.clone().map(|display| ShownAs { display, denoises }));
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
         let progress = step_on(drawing, (&self.world, &self.view), &mut self.film, products, cancel);
+        gpu.shown = drawing.take_shown();
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
         let rays = self.count_pass(&progress, seconds);
         self.looked_up_rays += rays;

@@ -169,11 +169,14 @@ impl PreparedMaterial {
         let is_glass = matches!(bsdf, Bsdf::Glass(_));
         // Reflection is two-sided: the frame turns to the viewer. For glass the sides differ and the frame stays.
         let n_shade = if !is_glass && wo.dot(n_shade) < 0.0 { -n_shade } else { n_shade };
-        let inside = (is_glass && self.material.attenuation_distance_m.is_finite()).then_some(Absorption {
-            color: self.material.attenuation_color,
-            distance_m: self.material.attenuation_distance_m,
-        });
+        let inside = self.absorption().filter(|_| is_glass);
         Surface { point, frame: Frame::around(n_shade), bsdf, emitted, unlit: Rgb::BLACK, inside }
+    }
+
+    /// What fills bodies of glass of this material; `None` where that absorbs nothing.
+    pub(in crate::transport) fn absorption(&self) -> Option<Absorption> {
+        let Material { attenuation_color: color, attenuation_distance_m: distance_m, .. } = *self.material;
+        distance_m.is_finite().then_some(Absorption { color, distance_m })
     }
 
     fn base_color(&self, at: &Interpolated) -> Rgb {

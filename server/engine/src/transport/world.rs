@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
+#[cfg(feature = "gpu")]
+use super::Absorption;
 use super::{
     Lights, Surface,
     light::{Emission, EnvironmentLight, Opening, Openings},
@@ -136,6 +138,12 @@ impl World {
     }
 
     /// The material of each primitive of an instance.
+    /// What fills bodies of glass of a material, by its place among the scene's; `None` where that absorbs nothing, and there is no such.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn absorption_in(&self, material: usize) -> Option<Absorption> {
+        self.materials.get(material)?.absorption()
+    }
+
     pub(in crate::transport) fn materials_of(&self, instance: usize) -> &[u32] {
         &self.primitive_materials[instance]
     }

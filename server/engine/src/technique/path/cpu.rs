@@ -1,8 +1,13 @@
 //! One path at a time.
 
 mod light;
+#[cfg(feature = "gpu")]
+mod underway;
 
 use glam::Vec3;
+
+#[cfg(feature = "gpu")]
+pub(super) use underway::Underway;
 
 use super::{
     FirstSight, FocusedLight, Guidance, Guide, PathSettings, ScatteredLight, ScreenLight, SecondaryLight,

@@ -10,10 +10,14 @@
 //! queues hold the places of those that go on, so that later scatterings cost by what is left of them. How many are
 //! left is read now and then only: steps take their size from a buffer that `turn` writes.
 //!
+//! The last paths of a slice go on by the CPU (`handed.rs`), which follows them while the card traces the next.
+//!
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
+mod first_shown;
 mod gather;
+mod handed;
 mod known;
 mod lookouts;
 mod photons;
@@ -35,6 +39,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 use rayon::prelude::*;
 
+pub use first_shown::ShownAs;
 pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
 pub use photons::GpuPhotons;
@@ -43,16 +48,17 @@ pub use splats::{SplatBy, SplatSeconds, Splatted};
 pub use step_clock::StepSeconds;
 
 use self::{
+    handed::{Followed, GpuHandedPath},
     known::LightBeside,
-    tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN},
+    tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN, Tracing},
 };
 use super::{
     CARD, PathSettings, PathTracer, View,
-    cpu::{BOUNCES_END, primary_ray},
+    cpu::{BOUNCES_END, Near, Tracer, primary_ray},
 };
 use crate::{
     film::{Film, PixelSample},
-    gpu::{GpuError, ReadBack},
+    gpu::{FrameOnCard, GpuError, ReadBack},
     math::{Rgb, sobol::PixelSampler},
     technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
     transport::PathClass,
@@ -136,7 +142,7 @@ struct Begun {
     header: GpuPassHeader,
     pass: u32,
     focused: Option<Arc<dyn FocusedLight>>,
-    /// Pixels, in rows, whose samples are here.
+    /// Pixels, in rows, whose samples are here. Those of the last slice may lack what paths bring that were handed over.
     taken: usize,
 }
 
@@ -145,6 +151,14 @@ struct Begun {
 struct Running {
     begun: Begun,
     coming: Option<Coming>,
+    /// Of samples that were taken and are not whole yet.
+    handed: Option<Handed>,
+}
+
+impl Running {
+    fn new(begun: Begun) -> Running {
+        Running { begun, coming: None, handed: None }
+    }
 }
 
 impl Running {
@@ -159,6 +173,14 @@ impl Running {
 struct Coming {
     count: usize,
     brought: ReadBack,
+    handed: Vec<GpuHandedPath>,
+}
+
+/// Paths of a slice that the CPU is to follow.
+#[derive(Debug)]
+struct Handed {
+    first_pixel: usize,
+    paths: Vec<GpuHandedPath>,
 }
 
 /// Path tracing on a graphics card, by itself or asking a [`SecondaryLight`] and a [`FocusedLight`] that are packed for it.
@@ -176,6 +198,10 @@ pub struct GpuPathTracer {
     samples: Vec<GpuPixelSample>,
     /// Paths of the next slice.
     slice: u32,
+    /// How the card is to show first passes, what it showed of the last pass, and pixels of that which the CPU had to complete.
+    shown_as: Option<ShownAs>,
+    shown: Option<Vec<u8>>,
+    completed: Vec<usize>,
     /// A sketch of caustics had no room beside what it drew with.
     refuses_sketches: bool,
     failure: Option<GpuError>,
@@ -194,6 +220,9 @@ impl GpuPathTracer {
             begun: None,
             samples: Vec::new(),
             slice: SLICE_MIN,
+            shown_as: None,
+            shown: None,
+            completed: Vec::new(),
             refuses_sketches: false,
             failure: None,
         }
@@ -226,44 +255,91 @@ impl GpuPathTracer {
 
     /// Traces the next slice of a pass; its samples are coming then. Returns the work that took.
     ///
-    /// Meanwhile those of the slice before are taken, so that the card does not wait for it; by this thread alone, as the card is held here,
-    /// and threads that would help may wait for it. They are here before more are sent for, so that a pass never needs room for those of
-    /// two slices on their way.
-    fn trace_slice(&mut self, running: &mut Running, pixel_count: usize) -> Result<Counts, GpuError> {
+    /// Those of the slice before are taken first, so that a pass never needs room for those of two slices on their way. Their last paths
+    /// are followed meanwhile, by other threads than the one that holds the card: those may wait for it.
+    ///
+    /// - `frame`: gets the samples as well
+    fn trace_slice(
+        &mut self,
+        running: &mut Running,
+        pixel_count: usize,
+        frame: Option<&FrameOnCard>,
+    ) -> Result<Counts, GpuError> {
+        self.take_coming(running)?;
+        let handed = running.handed.take();
         let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let Running { begun: Begun { header, focused, taken, .. }, coming } = running;
+        let Running { begun: Begun { header, focused, .. }, coming, .. } = running;
         let light = LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref() };
-        let (before, room) = (coming.take(), &mut self.samples[*taken..]);
-        let take_before = || {
-            let Some(Coming { count, brought }) = before else { return Ok(()) };
-            brought.read(|bytes| copy_samples(bytes, &mut room[..count]))?;
-            *taken += count;
-            Ok(())
-        };
-        let (slice, next) = self.scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
+        // What a card has counted of a sketch the CPU would have to count as well.
+        let hands_over = focused.as_ref().is_none_or(|focused| !focused.is_sketch());
+        let mut followed = Vec::new();
+        let trace = |tracing: Tracing<'_>| {
             let capacity = tracing.capacity();
             let path_count = wanted.min(capacity);
             let header = GpuPassHeader { first_pixel, path_count, capacity, ..*header };
-            let slice = tracing.trace_all(&header, take_before)?;
+            let mut slice = tracing.trace_all(&header, hands_over)?;
+            let handed = std::mem::take(&mut slice.handed);
+            if let Some(frame) = frame {
+                tracing.copy_samples(frame.samples(), first_pixel, path_count)?;
+            }
             let brought = tracing.bring(&slice)?;
-            Ok((slice, Coming { count: path_count as usize, brought }))
-        })?;
+            Ok((slice, Coming { count: path_count as usize, brought, handed }))
+        };
+        let traced = rayon::scope(|scope| {
+            if let Some(handed) = &handed {
+                scope.spawn(|_| followed = self.follow(handed, header.index, focused.as_deref()));
+            }
+            self.scene.trace_with(PathStart::Pixels, pixel_count, light, trace)
+        });
+        let mut counts = handed.map_or_else(Counts::default, |handed| self.add_followed(&handed, &followed));
+        let (slice, next) = traced?;
         *coming = Some(next);
+        counts += slice.counts;
         self.slice = self.scene.slice_after(PathStart::Pixels, self.slice, wanted, slice.first_seconds);
-        Ok(slice.counts)
+        Ok(counts)
     }
 
     /// Takes the samples that are coming, by all threads: nothing of the card is held here.
     fn take_coming(&mut self, running: &mut Running) -> Result<(), GpuError> {
-        let Some(Coming { count, brought }) = running.coming.take() else { return Ok(()) };
-        let room = self.samples[running.begun.taken..][..count].par_chunks_mut(SAMPLES_AT_ONCE);
+        let Some(Coming { count, brought, handed }) = running.coming.take() else { return Ok(()) };
+        let first_pixel = running.begun.taken;
+        let room = self.samples[first_pixel..][..count].par_chunks_mut(SAMPLES_AT_ONCE);
         self.scene.take(brought, |bytes| {
             let parts = bytes.par_chunks(SAMPLES_AT_ONCE * SAMPLE_BYTES as usize);
             room.zip(parts).for_each(|(room, bytes)| copy_samples(bytes, room));
         })?;
         running.begun.taken += count;
+        running.handed = (!handed.is_empty()).then_some(Handed { first_pixel, paths: handed });
         Ok(())
+    }
+
+    /// What paths bring that a card has handed over.
+    fn follow(&self, handed: &Handed, index: u32, focused: Option<&dyn FocusedLight>) -> Vec<Followed> {
+        let tracer = Tracer {
+            secondary: self.secondary.as_deref(),
+            caustics: focused,
+            near: Near::Shadowed,
+            // As cards sample.
+            ..Tracer::of(self.scene.world(), PathSettings { knows_openings: false, ..self.settings })
+        };
+        handed::follow(&tracer, &handed.paths, |_| index)
+    }
+
+    /// Adds that to the samples, and says what it took.
+    fn add_followed(&mut self, handed: &Handed, followed: &[Followed]) -> Counts {
+        let samples = &mut self.samples[handed.first_pixel..];
+        for Followed { slot, radiance, .. } in followed {
+            if let Some(sample) = samples.get_mut(*slot) {
+                let classes =
+                    [&mut sample.emitted, &mut sample.direct, &mut sample.caustic, &mut sample.indirect];
+                for (sum, more) in classes.into_iter().zip(radiance) {
+                    *sum = (Rgb::from(*sum) + *more).to_array();
+                }
+                self.completed.push(handed.first_pixel + slot);
+            }
+        }
+        followed.iter().map(|followed| followed.counts).sum()
     }
 
     /// Slices until a pass is whole or is not wanted any more. Their samples are here then; after an error some of them are.
@@ -271,6 +347,7 @@ impl GpuPathTracer {
         &mut self,
         running: &mut Running,
         pixel_count: usize,
+        frame: Option<&FrameOnCard>,
         cancel: &AtomicBool,
     ) -> Result<Progress, GpuError> {
         let mut progress = Progress { complete: true, ..Progress::default() };
@@ -279,10 +356,19 @@ impl GpuPathTracer {
                 progress.complete = false;
                 break;
             }
-            progress.counts += self.trace_slice(running, pixel_count)?;
+            progress.counts += self.trace_slice(running, pixel_count, frame)?;
         }
-        self.take_coming(running)?;
+        progress.counts += self.take_rest(running)?;
         Ok(progress)
+    }
+
+    /// Takes what the last slice brings, whole.
+    fn take_rest(&mut self, running: &mut Running) -> Result<Counts, GpuError> {
+        self.take_coming(running)?;
+        let Some(handed) = running.handed.take() else { return Ok(Counts::default()) };
+        let Begun { header, focused, .. } = &running.begun;
+        let followed = self.follow(&handed, header.index, focused.as_deref());
+        Ok(self.add_followed(&handed, &followed))
     }
 
     /// The whole pass, or as far as it came.
@@ -305,14 +391,32 @@ impl GpuPathTracer {
                 Begun { header, pass, focused: focused.clone(), taken: 0 }
             }
         };
-        let mut running = Running { begun, coming: None };
-        let traced = self.trace_slices(&mut running, pixel_count, step.cancel);
+        (self.shown, self.completed) = (None, Vec::new());
+        let scene = Arc::clone(&self.scene);
+        // One that was begun before has samples that are not on the card.
+        let mut frame = if begun.taken == 0 { self.frame_of(&scene, film.size(), pass) } else { None };
+        let mut running = Running::new(begun);
+        let traced = loop {
+            let shows = frame.as_ref().and_then(|frame| frame.as_ref());
+            let traced = self.trace_slices(&mut running, pixel_count, shows, step.cancel);
+            let is_too_much =
+                matches!(traced, Err(GpuError::OutOfMemory { .. } | GpuError::LightTooLarge { .. }));
+            if !is_too_much || frame.take().is_none() {
+                break traced;
+            }
+            // Better drawn there and shown here than neither: its memory goes with the next slice that needs it.
+            scene.refuses_frames.store(true, Ordering::Relaxed);
+        };
+        let frame = frame.as_ref().and_then(|frame| frame.as_ref());
         if running.begun.taken < pixel_count {
             // Cancelled, or the device was lost: samples that are here stay.
             self.begun = Some(running.begun);
             return traced;
         }
+        // The card shows it while the film takes it.
+        let shown = frame.and_then(|frame| self.show(frame, film.size()));
         self.add_to(film);
+        self.shown = shown.and_then(|shown| shown.collect().ok());
         self.scene.losses.store(0, Ordering::Relaxed);
         traced
     }

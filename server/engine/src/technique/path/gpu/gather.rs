@@ -13,7 +13,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::{
-    BOUNCES_END, GpuPassHeader, GpuScene, PathTracer, View,
+    BOUNCES_END, GpuPassHeader, GpuScene, PathSettings, PathTracer, View, handed,
     known::LightBeside,
     primary_ray,
     slices::Slices,
@@ -24,7 +24,10 @@ use crate::{
     film::PictureSize,
     gpu::GpuError,
     math::{Frame, Rgb, sobol::PixelSampler, warp},
-    technique::{Arrived, ArrivingLight, Counts, GatherRay, Guide},
+    technique::{
+        Arrived, ArrivingLight, Counts, GatherRay, Guide,
+        path::cpu::{Near, Tracer},
+    },
     transport::{PathClass, World},
 };
 
@@ -154,10 +157,11 @@ impl GpuGatherer {
     fn slice(&self, tracer: &PathTracer, rays: &[GatherRay]) -> Result<(Vec<Arrived>, Counts), GpuError> {
         let rays: Vec<GpuGatherRay> = rays.par_iter().map(GpuGatherRay::new).collect();
         let settings = &tracer.settings;
+        let brought = settings.shown.without(PathClass::Emitted);
         let header = GpuPassHeader {
             path_count: rays.len() as u32,
             traced: settings.traced.bits(),
-            brought: settings.shown.without(PathClass::Emitted).bits(),
+            brought: brought.bits(),
             bounces_end: settings.bounces_max.unwrap_or(BOUNCES_END),
             ..GpuPassHeader::zeroed()
         };
@@ -169,10 +173,28 @@ impl GpuGatherer {
             let samples = bytes.par_chunks_exact(RAY_SAMPLE_BYTES as usize);
             samples.map(|sample| bytemuck::pod_read_unaligned::<GpuRaySample>(sample).arrived()).collect()
         };
-        let (arrived, slice) = self.scene.slice_of(PathStart::Rays, &rays, &header, room, light, arrived)?;
+        let (mut arrived, slice) =
+            self.scene.slice_of(PathStart::Rays, &rays, &header, room, light, arrived)?;
         self.slices.answered(&self.scene, header.path_count, slice.first_seconds);
         self.slices.count(u64::from(header.path_count));
-        Ok((arrived, slice.counts))
+        let mut counts = slice.counts;
+        let on_cpu = Tracer {
+            secondary: tracer.secondary.as_deref(),
+            near: Near::LookedPast,
+            // As cards sample.
+            ..Tracer::of(self.scene.world(), PathSettings { knows_openings: false, ..tracer.settings })
+        };
+        for followed in handed::follow(&on_cpu, &slice.handed, |slot| rays[slot].index) {
+            counts += followed.counts;
+            let of_class =
+                |class: &PathClass| brought.contains(*class).then(|| followed.radiance[*class as usize]);
+            let more =
+                PathClass::ALL.iter().filter_map(of_class).fold(Rgb::BLACK, |sum, of_class| sum + of_class);
+            if let Some(arrived) = arrived.get_mut(followed.slot) {
+                arrived.radiance = arrived.radiance + more;
+            }
+        }
+        Ok((arrived, counts))
     }
 
     fn along(

@@ -1,6 +1,9 @@
 //! A scene on a graphics card, with places for paths: what is uploaded, and kept for pictures to share.
 
-use std::sync::{Arc, Mutex, MutexGuard, atomic::AtomicU32};
+use std::sync::{
+    Arc, Mutex, MutexGuard,
+    atomic::{AtomicBool, AtomicU32},
+};
 
 use lumicast_shaders::Constant;
 
@@ -14,8 +17,8 @@ use super::{
 use crate::{
     accel::{AccelBuffers, GAMMA_5, GAMMA_19},
     gpu::{
-        AdapterKind, BindGroup, Binding, Buffer, Gpu, GpuError, GpuTrees, Layout, Masks, ReadBack, Session,
-        locked,
+        AdapterKind, BindGroup, Binding, Buffer, FrameOnCard, Gpu, GpuError, GpuTrees, Layout, Masks,
+        ReadBack, Session, locked,
     },
     scene::Id,
     technique::{
@@ -229,6 +232,10 @@ pub struct GpuScene {
     ready: Mutex<Option<Ready>>,
     /// Seconds of compiling shaders for devices that are gone.
     gone_shader_seconds: Mutex<f64>,
+    /// What shows pictures as soon as they are drawn, once that was asked for. Locked before what is [ready](GpuScene::ready), never after it.
+    pub(super) frame: Mutex<Option<FrameOnCard>>,
+    /// It had no room.
+    pub(super) refuses_frames: AtomicBool,
     /// Devices lost one after the other without a finished pass, by whichever picture.
     pub(super) losses: AtomicU32,
 }
@@ -243,6 +250,8 @@ impl GpuScene {
             is_software,
             ready: Mutex::default(),
             gone_shader_seconds: Mutex::default(),
+            frame: Mutex::default(),
+            refuses_frames: AtomicBool::new(false),
             losses: AtomicU32::new(0),
         }
     }
@@ -324,7 +333,24 @@ impl GpuScene {
         from: PathStart,
         path_count: usize,
         light: LightBeside<'_>,
-        work: impl FnOnce(Tracing<'_>) -> Result<T, GpuError>,
+        work: impl Fn(Tracing<'_>) -> Result<T, GpuError>,
+    ) -> Result<T, GpuError> {
+        let traced = self.try_to_trace(from, path_count, light, &work);
+        // What shows pictures makes way for what draws them.
+        let is_too_much =
+            matches!(traced, Err(GpuError::OutOfMemory { .. } | GpuError::LightTooLarge { .. }));
+        if is_too_much && self.let_frame_go() {
+            return self.try_to_trace(from, path_count, light, &work);
+        }
+        traced
+    }
+
+    fn try_to_trace<T>(
+        &self,
+        from: PathStart,
+        path_count: usize,
+        light: LightBeside<'_>,
+        work: impl Fn(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
         let capacity =
             u32::try_from(path_count).unwrap_or(u32::MAX).clamp(1, from.slice_max(self.is_software));
@@ -410,5 +436,6 @@ impl GpuScene {
     /// Takes it off the card; whoever draws it again brings it back.
     pub fn withdraw(&self) {
         self.let_go(&mut locked(&self.ready));
+        self.let_frame_go();
     }
 }

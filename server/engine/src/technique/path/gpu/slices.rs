@@ -103,7 +103,7 @@ impl GpuScene {
             let (slice, brought) = self.trace_with(from, room, light, |tracing| {
                 tracing.write_starts(starts)?;
                 let header = GpuPassHeader { capacity: tracing.capacity(), ..*header };
-                let slice = tracing.trace_all(&header, || Ok(()))?;
+                let slice = tracing.trace_all(&header, true)?;
                 let brought = tracing.bring(&slice)?;
                 Ok((slice, brought))
             })?;

@@ -3,8 +3,10 @@
 mod behaviour;
 mod cameras;
 mod first_pictures;
+mod first_shown;
 mod focused;
 mod gathering;
+mod handed;
 mod known_light;
 mod laws;
 mod layouts;
@@ -36,7 +38,7 @@ use crate::{
         Products,
         path::{BLURRED_SAMPLES, Near, Tracer, closed_forms::SQUARE, primary_ray},
     },
-    transport::World,
+    transport::{PathClasses, World},
 };
 
 /// Radiance, albedo and normals within these are the same path's. WGSL lets sine and cosine be off by 2⁻¹¹ = 4.9e-4 and
@@ -137,7 +139,7 @@ impl Shot {
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
         tracer.make_room(self.size.pixel_count()).unwrap();
         let begun = Begun { header, pass, focused: self.focused.clone(), taken: 0 };
-        Running { begun, coming: None }
+        Running::new(begun)
     }
 
     /// - `slice`: paths at a time
@@ -147,9 +149,9 @@ impl Shot {
         let mut counts = Counts::default();
         while running.traced() < self.size.pixel_count() {
             tracer.slice = slice;
-            counts += tracer.trace_slice(&mut running, self.size.pixel_count()).unwrap();
+            counts += tracer.trace_slice(&mut running, self.size.pixel_count(), None).unwrap();
         }
-        tracer.take_coming(&mut running).unwrap();
+        counts += tracer.take_rest(&mut running).unwrap();
         (tracer.samples, counts)
     }
 

@@ -4,7 +4,7 @@
 //! begin, what they bring, and that the former see shadows of what is near and the latter look past it. Photons share all but
 //! what happens at surfaces, and send no shadow rays.
 
-use std::{sync::Arc, time::Instant};
+use std::{ops::Range, sync::Arc, time::Instant};
 
 use bytemuck::{NoUninit, Zeroable};
 use lumicast_shaders::{
@@ -16,6 +16,7 @@ use lumicast_shaders::{
 use super::{
     GpuCounters, GpuPassHeader, GpuPixelSample,
     gather::{GpuGatherRay, GpuRaySample},
+    handed::{GpuHandedPath, HANDED_AFTER, HANDED_MAX, HandOver},
     known::{Asked, KnownOnCard, Shading},
     photons::{GpuKeptPhoton, GpuSentPhoton, KEPT_PER_PHOTON},
     scene::GpuWorld,
@@ -203,6 +204,8 @@ pub(super) struct Paths {
     closest: Arc<Pipeline>,
     turn: Arc<Pipeline>,
     occluded: Option<Arc<Pipeline>>,
+    /// `None`: the card takes each to its end.
+    hand_over: Option<HandOver>,
     /// By [`Shading::index`]; each compiled when it is first needed.
     shades: [Option<Arc<Pipeline>>; Shading::COUNT],
 }
@@ -229,8 +232,13 @@ impl Paths {
                 session.pipeline(from.begin(), &world.constants, &layouts)?
             }
         };
+        let hand_over = match from {
+            PathStart::Pixels | PathStart::Rays => Some(HandOver::new(session, layouts, &world.constants)?),
+            PathStart::Photons => None,
+        };
         Ok(Paths {
             begin,
+            hand_over,
             closest: pipeline(&PATH_CLOSEST)?,
             occluded: from.occluded().map(pipeline).transpose()?,
             turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
@@ -296,7 +304,7 @@ impl<'a> Tracing<'a> {
     /// Some drivers compile at first use: that is waiting for shaders, not drawing. Returns the seconds.
     pub(super) fn use_first(self) -> Result<f64, GpuError> {
         let start = Instant::now();
-        self.trace(&GpuPassHeader::zeroed(), 0, 1, || Ok(()))?;
+        self.trace(&GpuPassHeader::zeroed(), 0..1, true)?;
         Ok(start.elapsed().as_secs_f64())
     }
 
@@ -370,31 +378,38 @@ impl<'a> Tracing<'a> {
         self.occluded(batch)
     }
 
-    /// A batch of the slice that `header` describes: its beginning, if `done` is 0, and so many scatterings. What is left
-    /// to do.
+    /// A batch of the slice that `header` describes: so many scatterings, with its beginning before the first. What is left to do.
     ///
-    /// - `beside`: done while the card is at it
+    /// - `hands_over`: the last paths come back after it
     fn trace(
         self,
         header: &GpuPassHeader,
-        done: u32,
-        scatterings: u32,
-        beside: impl FnOnce() -> Result<(), GpuError>,
-    ) -> Result<GpuCounters, GpuError> {
+        scatterings: Range<u32>,
+        hands_over: bool,
+    ) -> Result<Left, GpuError> {
         let mut batch = self.session.batch("paths")?;
-        if done == 0 {
-            self.write_header(header)?;
-            let all = workgroups_of(header);
-            self.begin(&mut batch, all)?;
-            self.scatter(&mut batch, Some(all))?;
+        for scattering in scatterings {
+            let all = (scattering == 0).then(|| workgroups_of(header));
+            if let Some(all) = all {
+                self.write_header(header)?;
+                self.begin(&mut batch, all)?;
+            }
+            self.scatter(&mut batch, all)?;
         }
-        for _ in u32::from(done == 0)..scatterings {
-            self.scatter(&mut batch, None)?;
-        }
+        let hand_over = self.paths.hand_over.as_ref().filter(|_| hands_over);
+        let handed = hand_over.map(|step| step.record(&mut batch, self.groups())).transpose()?;
         let counters = batch.read_back(&self.paths.places.counters, 0..size_of::<GpuCounters>() as u64)?;
         batch.submit()?;
-        beside()?;
-        counters.read(bytemuck::pod_read_unaligned)
+        let counters: GpuCounters = counters.read(bytemuck::pod_read_unaligned)?;
+        let handed = match handed {
+            Some(handed) => {
+                let count = if counters.ray_count <= HANDED_MAX { counters.ray_count as usize } else { 0 };
+                // Also where there are none: the memory is kept for the next then.
+                handed.read(|all| bytemuck::pod_collect_to_vec(&all[..count * size_of::<GpuHandedPath>()]))?
+            }
+            None => Vec::new(),
+        };
+        Ok(Left { counters, handed })
     }
 
     /// Rays of paths that go on.
@@ -404,19 +419,13 @@ impl<'a> Tracing<'a> {
         Ok(bytemuck::pod_read_unaligned::<GpuCounters>(&counters).ray_count)
     }
 
-    /// A slice until its last path has ended.
+    /// A slice until its last path has ended, or comes back.
     ///
-    /// - `beside`: done while the card is at it, once its first batch is, whose time is measured
-    pub(super) fn trace_all(
-        self,
-        header: &GpuPassHeader,
-        beside: impl FnOnce() -> Result<(), GpuError>,
-    ) -> Result<Slice, GpuError> {
-        let mut beside = Some(beside);
-        let mut once = || beside.take().map_or(Ok(()), |beside| beside());
+    /// - `hands_over`: the last ones may
+    pub(super) fn trace_all(self, header: &GpuPassHeader, hands_over: bool) -> Result<Slice, GpuError> {
         let start = Instant::now();
-        let mut scatterings = SCATTERINGS_FIRST;
-        let mut counters = self.trace(header, 0, scatterings, || Ok(()))?;
+        let (mut scatterings, mut done) = (SCATTERINGS_FIRST, SCATTERINGS_FIRST);
+        let mut left = self.trace(header, 0..done, false)?;
         let first_seconds = start.elapsed().as_secs_f64();
         let sample_bytes = self.paths.from.sample_bytes();
         let bytes_max = u64::from(self.capacity()) * sample_bytes;
@@ -425,11 +434,12 @@ impl<'a> Tracing<'a> {
             PathStart::Photons => u64::from(counters.kept) * KEPT_BYTES,
         };
         // What has no room now has none at the end.
-        while counters.ray_count > 0 && bytes_of(&counters) <= bytes_max {
-            counters = self.trace(header, 1, scatterings, &mut once)?;
-            scatterings = (scatterings * 2).min(SCATTERINGS_MAX);
+        while left.goes_on() && bytes_of(&left.counters) <= bytes_max {
+            let end = done + scatterings;
+            left = self.trace(header, done..end, hands_over && end >= HANDED_AFTER)?;
+            (done, scatterings) = (end, (scatterings * 2).min(SCATTERINGS_MAX));
         }
-        once()?;
+        let Left { counters, handed } = left;
         let counts = Counts {
             rays: u64::from(counters.rays),
             shadow_rays: u64::from(counters.shadow_rays),
@@ -437,7 +447,17 @@ impl<'a> Tracing<'a> {
         };
         let bytes = bytes_of(&counters);
         let is_whole = bytes <= bytes_max;
-        Ok(Slice { byte_count: if is_whole { bytes } else { 0 }, is_whole, counts, first_seconds })
+        Ok(Slice { byte_count: if is_whole { bytes } else { 0 }, is_whole, counts, first_seconds, handed })
+    }
+
+    /// Copies the samples of pixels that a slice left to where those of a whole picture are.
+    ///
+    /// - `first`: of its pixels, among all
+    pub(super) fn copy_samples(self, to: &Buffer, first: u32, count: u32) -> Result<(), GpuError> {
+        let [first, count] = [first, count].map(|pixels| u64::from(pixels) * SAMPLE_BYTES);
+        let mut batch = self.session.batch("samples of a slice")?;
+        batch.copy(&self.paths.places.samples, 0..count, to, first)?;
+        batch.submit().map(|_| ())
     }
 
     /// Sends for what a slice left: [`GpuPixelSample`]s, [`GpuRaySample`]s, or [`GpuKeptPhoton`]s in no order. The next slice may
@@ -452,6 +472,19 @@ pub(super) fn workgroups_of(header: &GpuPassHeader) -> [u32; 3] {
     [header.path_count.div_ceil(WORKGROUP).max(1), 1, 1]
 }
 
+/// What a batch leaves of a slice.
+struct Left {
+    counters: GpuCounters,
+    /// The last paths, if they came back.
+    handed: Vec<GpuHandedPath>,
+}
+
+impl Left {
+    fn goes_on(&self) -> bool {
+        self.counters.ray_count > 0 && self.handed.is_empty()
+    }
+}
+
 /// A slice that was traced.
 pub(super) struct Slice {
     /// Of what it left, for [`Tracing::bring`].
@@ -461,4 +494,6 @@ pub(super) struct Slice {
     pub(super) counts: Counts,
     /// Of its first batch, the longest.
     pub(super) first_seconds: f64,
+    /// Paths that have not ended: somebody else is to [follow](super::handed::follow) them.
+    pub(super) handed: Vec<GpuHandedPath>,
 }

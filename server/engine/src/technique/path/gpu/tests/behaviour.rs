@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::{
+    super::handed::HANDED_MAX,
     known_light::{ALL_STEPS, with_records},
     *,
 };
@@ -61,11 +62,12 @@ fn a_cancelled_pass_keeps_its_slices_and_goes_on() {
         assert!(!step(&mut tracer, &shot, &mut film, true).complete);
         assert_eq!((film.passes_max(), tracer.begun.as_ref().unwrap().taken), (0, 0));
         for kept in [100, 200, 300] {
-            let mut running = Running { begun: tracer.begun.take().unwrap(), coming: None };
+            let mut running = Running::new(tracer.begun.take().unwrap());
             tracer.slice = 100;
-            tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
+            tracer.trace_slice(&mut running, shot.size.pixel_count(), None).unwrap();
             let cancelled = AtomicBool::new(true);
-            let traced = tracer.trace_slices(&mut running, shot.size.pixel_count(), &cancelled).unwrap();
+            let traced =
+                tracer.trace_slices(&mut running, shot.size.pixel_count(), None, &cancelled).unwrap();
             assert_eq!((traced, running.begun.taken, running.traced()), (Progress::default(), kept, kept));
             tracer.begun = Some(running.begun);
             assert_eq!(step(&mut tracer, &shot, &mut film, true), Progress::default());
@@ -114,8 +116,8 @@ fn slices_of_another_picture_are_thrown_away() {
     let mut tracer = shot.tracer(&scene);
     let mut running = shot.begin(&mut tracer, 0);
     tracer.slice = 500;
-    tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
-    tracer.take_coming(&mut running).unwrap();
+    tracer.trace_slice(&mut running, shot.size.pixel_count(), None).unwrap();
+    tracer.take_rest(&mut running).unwrap();
     tracer.begun = Some(running.begun);
     assert_same_bits(&undisturbed, &film_by(&mut tracer, &other, 1));
 }
@@ -131,8 +133,8 @@ fn lost_devices_change_no_bit_of_the_picture() {
         let mut film = Film::new(shot.size);
         let mut running = shot.begin(&mut tracer, 0);
         tracer.slice = 700;
-        tracer.trace_slice(&mut running, shot.size.pixel_count()).unwrap();
-        tracer.take_coming(&mut running).unwrap();
+        tracer.trace_slice(&mut running, shot.size.pixel_count(), None).unwrap();
+        tracer.take_rest(&mut running).unwrap();
         tracer.begun = Some(running.begun);
         let before = gpu.session().unwrap().generation();
         gpu.session().unwrap().lose_for_test();
@@ -169,11 +171,11 @@ fn samples_on_their_way_go_with_the_device_and_others_stay() {
     let mut running = shot.begin(&mut tracer, 0);
     for slices in 1..4 {
         tracer.slice = 100;
-        tracer.trace_slice(&mut running, pixel_count).unwrap();
+        tracer.trace_slice(&mut running, pixel_count, None).unwrap();
         assert_eq!((running.begun.taken, running.traced()), (100 * (slices - 1), 100 * slices));
     }
     gpu.session().unwrap().lose_for_test();
-    let traced = tracer.trace_slices(&mut running, pixel_count, &AtomicBool::new(false));
+    let traced = tracer.trace_slices(&mut running, pixel_count, None, &AtomicBool::new(false));
     assert_eq!(traced, Err(GpuError::Lost));
     assert_eq!((running.begun.taken, running.traced()), (200, 200));
     tracer.begun = Some(running.begun);
@@ -195,8 +197,9 @@ fn samples_of_one_slice_are_on_their_way_at_a_time() {
         Some((samples, scene.bytes()))
     };
     let Some((undisturbed, alone)) = on(u64::MAX) else { return };
-    // And for the counters of a batch.
-    let room = 320 * SAMPLE_BYTES + 1000;
+    // And for paths that are handed over, and the counters of a batch.
+    let handed = u64::from(HANDED_MAX) * size_of::<GpuHandedPath>() as u64;
+    let room = 320 * SAMPLE_BYTES + handed + 1000;
     assert!(on(alone + room).is_some_and(|(samples, _)| samples == undisturbed));
 }
 

@@ -1,12 +1,15 @@
 //! Rust and WGSL mean the same bytes and the same numbers.
 
+use std::mem::offset_of;
+
 use lumicast_shaders::{
-    CAUSTICS_PLACE, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT,
-    IRRADIANCE_SPLAT_TILES, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN, PHOTONS_FLY, PLANES,
-    PROOF_CONSTANTS,
+    CAUSTICS_PLACE, FILM_UNJOINED, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT,
+    IRRADIANCE_SPLAT_TILES, PATH_HAND_OVER, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN,
+    PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
 };
 
 use super::{
+    super::handed::{GpuHandedPath, GpuPath, IS_BY_MIRRORS, IS_NEAR, NEAR_COUNT_SHIFT},
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
     super::sketch::{CELL_WORDS, GpuSketch, GpuWindows, PLACE_WORDS},
@@ -17,7 +20,7 @@ use super::{
 };
 use crate::{
     gpu::{
-        DenoiseOnCard, ShowOnCard,
+        FrameOnCard, ShowOnCard,
         tests::{assert_same_layout, layout, numbers_of},
     },
     scene::TextureSlot,
@@ -378,7 +381,55 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
         "KeptPhoton",
         GpuKeptPhoton { b1, b2, triangle, place, weight, leaving, direction, name }
     );
-    for (name, byte_count) in [("Path", PATH_BYTES), ("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
+    let numbers = numbers_of(&FILM_UNJOINED.source(PROOF_CONSTANTS));
+    let word = |at: usize| f64::from(at as u32 / 4);
+    for (name, at) in [
+        ("SAMPLE_WORDS", size_of::<GpuPixelSample>()),
+        ("CLASS_WORDS", offset_of!(GpuPixelSample, direct)),
+        ("DEPTH_WORD", offset_of!(GpuPixelSample, depth_m)),
+        ("NORMAL_WORD", offset_of!(GpuPixelSample, normal)),
+        ("SHINING_WORD", offset_of!(GpuPixelSample, is_shining)),
+    ] {
+        assert_eq!(numbers[name], word(at), "{name}");
+    }
+    assert_eq!(numbers["EMITTED"], f64::from(PathClass::Emitted as u32));
+    assert_eq!(numbers["CLASS_COUNT"], PathClass::COUNT as f64);
+    let albedo = [
+        offset_of!(GpuPixelSample, albedo_red),
+        offset_of!(GpuPixelSample, albedo_green),
+        offset_of!(GpuPixelSample, albedo_blue),
+    ];
+    assert_eq!(albedo.map(word), [7.0, 11.0, 15.0], "ALBEDO_WORDS");
+    let hand_over = PATH_HAND_OVER.source(PROOF_CONSTANTS);
+    assert_same_layout!(
+        &hand_over,
+        "Path",
+        GpuPath {
+            origin,
+            medium,
+            direction,
+            class_so_far,
+            throughput,
+            bounce,
+            last_position,
+            last_pdf,
+            last_n,
+            eta_squared,
+            left_instance,
+            left_triangle,
+            key,
+            lost_m,
+            passing,
+            since_gathered,
+            padding_0,
+        }
+    );
+    assert_same_layout!(
+        &hand_over,
+        "HandedPath",
+        GpuHandedPath { path, slot, padding_0, padding_1, padding_2 }
+    );
+    for (name, byte_count) in [("Hit", HIT_BYTES), ("Shadow", SHADOW_BYTES)] {
         assert_eq!(u64::from(layout(&source, name).1), byte_count, "{name}");
     }
     let (sizes, byte_count) = layout(&PATH_TURN.source(PROOF_CONSTANTS), "Dispatch");
@@ -398,6 +449,11 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
         ("LEAST_NORMAL", f32::MIN_POSITIVE),
     ];
     for (name, value) in floats {
+        assert_eq!(numbers[name], f64::from(value), "{name}");
+    }
+    for (name, value) in
+        [("IS_NEAR", IS_NEAR), ("IS_BY_MIRRORS", IS_BY_MIRRORS), ("NEAR_COUNT_SHIFT", NEAR_COUNT_SHIFT)]
+    {
         assert_eq!(numbers[name], f64::from(value), "{name}");
     }
     for (name, class) in ["EMITTED", "DIRECT", "CAUSTIC", "INDIRECT"].into_iter().zip(PathClass::ALL) {
@@ -443,7 +499,7 @@ fn every_constant_of_the_proof_is_prepended() {
         .constants_of_shade(PathStart::Rays, Shading::default())
         .into_iter()
         .chain(ShowOnCard::constants())
-        .chain(DenoiseOnCard::constants())
+        .chain(FrameOnCard::constants())
         .chain(GatherOnCard::constants())
         .map(|(name, _)| name)
         .collect();
