@@ -17,6 +17,8 @@ mod denoised;
 mod density;
 #[path = "gpu/figures.rs"]
 mod figures;
+#[path = "gpu/frame.rs"]
+mod frame;
 #[path = "gpu/options.rs"]
 mod options;
 #[path = "gpu/passes.rs"]

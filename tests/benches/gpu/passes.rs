@@ -26,7 +26,7 @@ use lumicast_engine::{
 
 use crate::{
     figures::{Figure, SceneFigures, Unit},
-    median, splats,
+    frame, median, splats,
     subject::Subject,
     warmed,
 };
@@ -86,6 +86,7 @@ pub(crate) fn measure(
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
     drawing.push_steps(&card, "asking the octree", figures)?;
+    frame::measure(&scene, &drawing.view, &known, rounds, figures)?;
     let focused = drawing.focus();
     if focused.is_some() {
         let tracer = PathTracer::with_secondary(settings, Arc::clone(&known));
