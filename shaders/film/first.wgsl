@@ -19,7 +19,8 @@ struct FirstPass {
 const SAMPLE_WORDS: u32 = 20u;
 const CLASS_WORDS: u32 = 4u;
 const DEPTH_WORD: u32 = 3u;
-const ALBEDO_WORDS: vec3u = vec3u(7u, 11u, 15u);
+/// Of red; of the others as much further on as light of the next class.
+const ALBEDO_WORD: u32 = 7u;
 const NORMAL_WORD: u32 = 16u;
 const SHINING_WORD: u32 = 19u;
 
@@ -69,7 +70,7 @@ fn is_sound(at: u32) -> bool {
         }
     }
     for (var channel = 0u; channel < 3u; channel++) {
-        if !is_at_least_zero(samples[at + ALBEDO_WORDS[channel]]) || !is_finite(samples[at + NORMAL_WORD + channel]) {
+        if !is_at_least_zero(samples[at + ALBEDO_WORD + CLASS_WORDS * channel]) || !is_finite(samples[at + NORMAL_WORD + channel]) {
             return false;
         }
     }
@@ -107,9 +108,9 @@ fn first_seen(pixel: u32) -> FirstSeen {
         }
     }
     let albedo = vec3f(
-        bitcast<f32>(samples[at + ALBEDO_WORDS.x]),
-        bitcast<f32>(samples[at + ALBEDO_WORDS.y]),
-        bitcast<f32>(samples[at + ALBEDO_WORDS.z]),
+        bitcast<f32>(samples[at + ALBEDO_WORD]),
+        bitcast<f32>(samples[at + ALBEDO_WORD + CLASS_WORDS]),
+        bitcast<f32>(samples[at + ALBEDO_WORD + 2u * CLASS_WORDS]),
     );
     seen.albedo = min(albedo, vec3f(SURFACE_MAX));
     seen.depth_m = min(bitcast<f32>(samples[at + DEPTH_WORD]), SURFACE_MAX);
@@ -130,8 +131,9 @@ fn divisor_of(seen: FirstSeen) -> vec3f {
 
 /// The exponent of the power of two that brings light near one, from the bits of the brightest.
 fn scale_exponent(brightest: u32) -> i32 {
-    let exponent = i32(max(brightest, 0x00800000u) >> 23u) - 127;
-    let is_between = (brightest & 0x007fffffu) != 0u;
+    let normal = max(brightest, 0x00800000u);
+    let exponent = i32(normal >> 23u) - 127;
+    let is_between = (normal & 0x007fffffu) != 0u;
     // Both the power and one over it are to be floats.
     return clamp(-(exponent + select(0, 1, is_between)), -126, 126);
 }

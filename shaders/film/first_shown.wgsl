@@ -21,8 +21,12 @@ fn add_up(
     let stride = first_pass.stride;
     let place = pixel / first_pass.width * LIGHT_PLANES * stride + MARGIN + pixel % first_pass.width;
     let after = vec3f(joined[place], joined[place + stride], joined[place + 2u * stride]);
-    let change = (after - even_light(seen, exponent)) * divisor_of(seen) * power_of_two(-exponent);
-    let shown = clamp(seen.radiance + change, vec3f(0.0), vec3f(FLOAT_MAX));
+    let scaled = (after - even_light(seen, exponent)) * divisor_of(seen);
+    // Before it is multiplied, as products may not leave the range; and no more than a sum of two may be.
+    let bound = 0.25 * FLOAT_MAX;
+    let most = vec3f(bound * power_of_two(min(exponent, 0)));
+    let change = clamp(scaled, -most, most) * power_of_two(-exponent);
+    let shown = clamp(clamp(seen.radiance, vec3f(0.0), vec3f(bound)) + change, vec3f(0.0), vec3f(FLOAT_MAX));
     radiances[3u * pixel] = bitcast<u32>(shown.x);
     radiances[3u * pixel + 1u] = bitcast<u32>(shown.y);
     radiances[3u * pixel + 2u] = bitcast<u32>(shown.z);

@@ -1,10 +1,9 @@
-//! Pictures of display values or floats as bytes, for streams and for PNG and JPEG files.
+//! Pictures of display values or floats as bytes, for streams and for PNG files.
 
 use image::{
     ExtendedColorType, ImageEncoder,
     codecs::png::{CompressionType, FilterType, PngEncoder},
 };
-use jpeg_encoder::{ColorType, SamplingFactor};
 use lumicast_engine::{film::PictureSize, math::Rgb};
 
 /// A picture that could not be turned into bytes.
@@ -27,46 +26,6 @@ impl EncodeError {
     }
 }
 
-/// JPEG quality, 1 (smallest) to 100 (best).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct JpegQuality(u8);
-
-impl JpegQuality {
-    /// For pictures on disk.
-    pub const FILE: JpegQuality = JpegQuality(95);
-
-    /// The nearest quality that there is.
-    pub fn clamped(quality: u8) -> JpegQuality {
-        JpegQuality(quality.clamp(1, 100))
-    }
-
-    /// The number.
-    pub fn value(self) -> u8 {
-        self.0
-    }
-
-    /// Colour at half resolution below quality 90: it halves the time and a third of the bytes, and what
-    /// it loses hides among the blocks. Above, sharp coloured edges are worth their bytes.
-    fn sampling(self) -> SamplingFactor {
-        if self.0 < 90 { SamplingFactor::F_2_2 } else { SamplingFactor::F_1_1 }
-    }
-}
-
-/// JPEG of sRGB bytes `[h × w × 3]`.
-pub fn jpeg(rgb8: &[u8], size: PictureSize, quality: JpegQuality) -> Result<Vec<u8>, EncodeError> {
-    let fail = |reason: String| EncodeError::new("JPEG", size, reason);
-    check_length(rgb8, size).map_err(fail)?;
-    // About a quarter of a byte per pixel at common qualities; the vector grows where that is too little.
-    let mut bytes = Vec::with_capacity(rgb8.len() / 12 + 1024);
-    let mut encoder = jpeg_encoder::Encoder::new(&mut bytes, quality.0);
-    encoder.set_sampling_factor(quality.sampling());
-    // Sides are at most 16,384, so they fit u16.
-    encoder
-        .encode(rgb8, size.width() as u16, size.height() as u16, ColorType::Rgb)
-        .map_err(|error| fail(error.to_string()))?;
-    Ok(bytes)
-}
-
 /// PNG of sRGB bytes `[h × w × 3]`, encoded quickly: for streams.
 pub fn png_fast(rgb8: &[u8], size: PictureSize) -> Result<Vec<u8>, EncodeError> {
     png(rgb8, size, CompressionType::Fast)
@@ -87,7 +46,8 @@ fn png(rgb8: &[u8], size: PictureSize, compression: CompressionType) -> Result<V
     Ok(bytes)
 }
 
-fn check_length(rgb8: &[u8], size: PictureSize) -> Result<(), String> {
+/// Errors: what is wrong about it.
+pub(super) fn check_length(rgb8: &[u8], size: PictureSize) -> Result<(), String> {
     let expected = size.pixel_count() * 3;
     if rgb8.len() == expected { Ok(()) } else { Err(format!("{} bytes instead of {expected}", rgb8.len())) }
 }
@@ -103,7 +63,10 @@ pub fn rgb_f32_le(radiance: &[Rgb]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{
+        super::{JpegQuality, jpeg},
+        *,
+    };
 
     fn gradient(width: u32, height: u32) -> (Vec<u8>, PictureSize) {
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
@@ -121,21 +84,6 @@ mod tests {
                 assert_eq!((decoded.dimensions(), decoded.as_raw()), ((width, height), &picture));
             }
         }
-    }
-
-    /// JPEG shows the same picture, and better quality is nearer.
-    #[test]
-    fn jpeg_gives_back_the_picture_to_its_quality() {
-        let (picture, size) = gradient(100, 60);
-        let worst = |quality: u8| {
-            let bytes = jpeg(&picture, size, JpegQuality::clamped(quality)).unwrap();
-            let decoded = image::load_from_memory(&bytes).unwrap().into_rgb8();
-            assert_eq!(decoded.dimensions(), (100, 60));
-            decoded.as_raw().iter().zip(&picture).map(|(a, b)| a.abs_diff(*b)).max().unwrap()
-        };
-        // A smooth ramp has few high frequencies: a few codes of error, fewer at better quality.
-        assert!(worst(100) <= 3, "{}", worst(100));
-        assert!(worst(50) <= 24, "{}", worst(50));
     }
 
     /// Bytes that are no picture of that size are refused, never read past their end.

@@ -1,7 +1,7 @@
 //! How large a picture is drawn: as large as a pass's time allows while things move, full size once they rest.
 //!
-//! Rungs are divisors 1, 2, 4, 8, 16 of the asked size. The speed is measured, in pixel samples a second, so the
-//! choice follows the machine, the scene and the load without any setting.
+//! Rungs are divisors 1, 2, 4, 8, 16 of the asked size. What a pass takes is measured, so the choice follows the machine, the scene and the load
+//! without any setting. Two sizes tell it: cards take their time to begin with anything, and for larger pictures little more.
 
 use std::time::{Duration, Instant};
 
@@ -25,35 +25,81 @@ const FINER_PAUSE: Duration = Duration::from_secs(2);
 /// Width and height in pixels.
 pub(super) type Size = [u16; 2];
 
+/// Passes whose samples differ by no more than so many times are of one size.
+const SAME_SIZE: f64 = 1.5;
+/// Share of what a sample takes now that each further one is taken to cost, at least, as times are of chance.
+const SLOPE_MIN: f64 = 0.1;
+
+/// What passes of about one size took, the newest counting most.
+#[derive(Debug, Clone, Copy)]
+struct Passes {
+    samples: f64,
+    /// Of one sample.
+    seconds_each: f64,
+}
+
+impl Passes {
+    fn seconds(self) -> f64 {
+        self.samples * self.seconds_each
+    }
+}
+
 /// The running speed of a scene's pictures, and what follows from it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Speed {
-    samples_per_second: f64,
+    newest: Passes,
+    /// Of another size, before those.
+    before: Option<Passes>,
+    is_measured: bool,
 }
 
 impl Default for Speed {
     fn default() -> Speed {
-        Speed { samples_per_second: FIRST_GUESS }
+        Speed::of_rate(FIRST_GUESS)
     }
 }
 
 impl Speed {
+    fn of_rate(samples_per_second: f64) -> Speed {
+        let newest = Passes { samples: samples_per_second, seconds_each: 1.0 / samples_per_second };
+        Speed { newest, before: None, is_measured: false }
+    }
+
     /// Takes in a pass. One of under a millisecond says more about the clock than about speed.
     pub(super) fn measure(&mut self, samples: u64, seconds: f64) {
-        if samples > 0 && seconds > 1e-3 {
-            let newest = samples as f64 / seconds;
-            self.samples_per_second += NEWEST_SHARE * (newest - self.samples_per_second);
+        if samples == 0 || seconds <= 1e-3 {
+            return;
         }
+        let samples = samples as f64;
+        let rate = samples / seconds;
+        let of_newest = 1.0 / self.newest.seconds_each;
+        let times = samples / self.newest.samples;
+        let is_other = !(1.0 / SAME_SIZE..=SAME_SIZE).contains(&times);
+        if is_other && self.is_measured {
+            self.before = Some(self.newest);
+            self.newest = Passes { samples, seconds_each: seconds / samples };
+        } else {
+            let rate = of_newest + NEWEST_SHARE * (rate - of_newest);
+            self.newest = Passes { samples, seconds_each: 1.0 / rate };
+        }
+        self.is_measured = true;
     }
 
-    /// Pixel samples a second.
+    /// Pixel samples a second, of passes of the size that was drawn last.
     pub(super) fn samples_per_second(&self) -> f64 {
-        self.samples_per_second
+        1.0 / self.newest.seconds_each
     }
 
-    /// How long one pass of a picture takes.
+    /// How long one pass of a picture takes: by what each sample took more in the larger of two sizes, where two were drawn, and by what each
+    /// took else.
     pub(super) fn pass_seconds(&self, size: Size) -> f64 {
-        f64::from(size[0]) * f64::from(size[1]) / self.samples_per_second
+        let samples = f64::from(size[0]) * f64::from(size[1]);
+        let newest = self.newest;
+        let slope = self.before.map_or(newest.seconds_each, |before| {
+            let slope = (newest.seconds() - before.seconds()) / (newest.samples - before.samples);
+            slope.clamp(SLOPE_MIN * newest.seconds_each, newest.seconds_each)
+        });
+        newest.seconds() + slope * (samples - newest.samples)
     }
 
     /// The divisor for a picture that must be there within `budget_seconds`.
@@ -131,7 +177,7 @@ mod tests {
     #[test]
     fn a_pass_fits_its_budget_wherever_a_rung_does() {
         for samples_per_second in [1e5, 1e6, 1e7, 1e9] {
-            let speed = Speed { samples_per_second };
+            let speed = Speed::of_rate(samples_per_second);
             for full in [[1, 1], [640, 360], [1920, 1080], [4096, 4096]] {
                 let divisor = speed.divisor_within(full, 0.04, 1);
                 let fits = speed.pass_seconds(scaled(full, divisor)) <= 0.04;
@@ -147,10 +193,10 @@ mod tests {
     fn a_finer_rung_needs_time_to_spare() {
         let full = [640, 360];
         // A half-size pass in exactly the budget, then in half of it.
-        let barely = Speed { samples_per_second: 320.0 * 180.0 / 0.04 };
+        let barely = Speed::of_rate(320.0 * 180.0 / 0.04);
         assert_eq!(barely.divisor_within(full, 0.04, 2), 2);
         assert_eq!(barely.divisor_within(full, 0.04, 4), 4);
-        let easily = Speed { samples_per_second: 320.0 * 180.0 / 0.02 };
+        let easily = Speed::of_rate(320.0 * 180.0 / 0.02);
         assert_eq!(easily.divisor_within(full, 0.04, 4), 2);
     }
 
@@ -159,7 +205,7 @@ mod tests {
     #[test]
     fn a_size_does_not_waver_with_the_speed() {
         let (full, mut rung, start) = ([640, 360], QuickRung::default(), Instant::now());
-        let [slow, fast] = [0.04, 0.005].map(|seconds| Speed { samples_per_second: 160.0 * 90.0 / seconds });
+        let [slow, fast] = [0.04, 0.005].map(|seconds| Speed::of_rate(160.0 * 90.0 / seconds));
         let mut changes = 0;
         for pass in 0..200u32 {
             let now = start + pass * Duration::from_millis(50);
@@ -180,7 +226,7 @@ mod tests {
     #[test]
     fn climbing_ends_at_full_size() {
         for samples_per_second in [1e5, 1e7] {
-            let speed = Speed { samples_per_second };
+            let speed = Speed::of_rate(samples_per_second);
             let mut divisor = DIVISOR_MAX;
             for _ in 0..5 {
                 divisor = speed.divisor_above([1920, 1080], divisor);
@@ -198,6 +244,36 @@ mod tests {
         assert!((speed.samples_per_second() / 2e6 - 1.0).abs() < 1e-3);
         speed.measure(100, 1e-6);
         assert!((speed.samples_per_second() / 2e6 - 1.0).abs() < 1e-3);
+    }
+
+    /// Where passes take their time to begin and little for each pixel, two sizes tell what a third takes; where each pixel takes as long, one
+    /// does; chance neither makes pixels free nor dearer than those that were drawn.
+    #[test]
+    fn two_sizes_tell_what_a_third_takes() {
+        let told = |fixed: f64, each: f64| {
+            let mut speed = Speed::default();
+            for samples in [8_000, 32_000, 128_000] {
+                for _ in 0..12 {
+                    speed.measure(samples, fixed + each * samples as f64);
+                }
+            }
+            let large = speed.pass_seconds([1920, 1080]);
+            large / (fixed + each * 1920.0 * 1080.0)
+        };
+        for (fixed, each) in [(0.0, 1e-7), (0.01, 1e-8), (0.03, 1e-7)] {
+            assert!((told(fixed, each) - 1.0).abs() < 0.02, "{fixed} {each}: {}", told(fixed, each));
+        }
+        let mut speed = Speed::default();
+        for (samples, seconds) in [(100, 0.02), (100, 0.02), (400, 0.01), (1_600, 1.0)] {
+            speed.measure(samples, seconds);
+        }
+        assert!((speed.pass_seconds([1600, 2]) - 2.0).abs() < 1e-6, "no dearer than before");
+        for _ in 0..20 {
+            speed.measure(1_600, 1.0);
+        }
+        speed.measure(6_400, 0.9);
+        assert!((speed.pass_seconds([6400, 2]) - (0.9 + 0.09)).abs() < 1e-3, "and not free");
+        assert!(speed.pass_seconds([1, 1]) > 0.0);
     }
 
     #[test]

@@ -101,6 +101,9 @@ pub enum Outdated {
     Wrong,
 }
 
+/// Tiles that a thread makes at least: 1.3 MB.
+const TILES_TOGETHER: usize = 32;
+
 /// Sums of samples for every pixel of a picture; see the module's head.
 ///
 /// Every image that it returns is `[h × w]`, rows top to bottom.
@@ -122,8 +125,9 @@ impl Film {
     pub fn new(size: PictureSize) -> Film {
         let columns = size.width.div_ceil(TILE_SIDE);
         let rows = size.height.div_ceil(TILE_SIDE);
-        let tile_at = |row: u32, column: u32| Tile::new(size, column * TILE_SIDE, row * TILE_SIDE);
-        let tiles = (0..rows).flat_map(|row| (0..columns).map(move |column| tile_at(row, column))).collect();
+        // Of a large picture its memory takes longer to get than a first pass to draw.
+        let tile_at = |index: u32| Tile::new(size, index % columns * TILE_SIDE, index / columns * TILE_SIDE);
+        let tiles = (0..rows * columns).into_par_iter().with_min_len(TILES_TOGETHER).map(tile_at).collect();
         Film { size, tiles }
     }
 

@@ -179,9 +179,9 @@ pub(super) struct OnGpu {
     learning: Option<LearningOnCard>,
     /// For the path-traced film beside it.
     tracing: Option<GpuPathTracer>,
-    /// How the card is to show the first pass, and that as it did.
+    /// How the card is to show the first pass, and that as it did, with how.
     shown_as: Option<Arc<Display>>,
-    shown: Option<Vec<u8>>,
+    shown: Option<(Arc<Display>, Vec<u8>)>,
     /// What the CPU traced beside, and the seconds that took.
     cpu_rays: u64,
     cpu_seconds: f64,
@@ -404,7 +404,7 @@ impl Rendering {
     pub fn shown_by_card(&self) -> Option<(&Arc<Display>, &[u8])> {
         let is_of_first = self.lit_passes() == [1, 1] && self.traced.is_none();
         let gpu = self.gpu.as_ref().filter(|_| is_of_first)?;
-        Some((gpu.shown_as.as_ref()?, gpu.shown.as_deref()?))
+        gpu.shown.as_ref().map(|(shown_as, bytes)| (shown_as, &bytes[..]))
     }
 
     /// A pass on the card; `None` where the CPU draws it, and after a failure.
@@ -418,7 +418,7 @@ impl Rendering {
         drawing.show_first_as(gpu.shown_as.clone().map(|display| ShownAs { display, denoises }));
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());
         let progress = step_on(drawing, (&self.world, &self.view), &mut self.film, products, cancel);
-        gpu.shown = drawing.take_shown();
+        gpu.shown = gpu.shown_as.clone().zip(drawing.take_shown());
         let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shaders);
         let rays = self.count_pass(&progress, seconds);
         self.looked_up_rays += rays;

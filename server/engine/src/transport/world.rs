@@ -137,13 +137,13 @@ impl World {
         &self.materials
     }
 
-    /// The material of each primitive of an instance.
     /// What fills bodies of glass of a material, by its place among the scene's; `None` where that absorbs nothing, and there is no such.
     #[cfg(feature = "gpu")]
     pub(crate) fn absorption_in(&self, material: usize) -> Option<Absorption> {
         self.materials.get(material)?.absorption()
     }
 
+    /// The material of each primitive of an instance.
     pub(in crate::transport) fn materials_of(&self, instance: usize) -> &[u32] {
         &self.primitive_materials[instance]
     }

@@ -183,7 +183,7 @@ fn steps_of_a_batch_are_timed() {
         eprintln!("SKIPPED: the device has no clock");
         return;
     }
-    let [large, small] = [1 << 22, 64].map(|bytes| session.buffer_zeroed("cleared", bytes).unwrap());
+    let [large, small] = [1 << 26, 64].map(|bytes| session.buffer_zeroed("cleared", bytes).unwrap());
     let steps = |ended: u32| {
         let mut batch = session.batch_of_steps("steps", 3).unwrap();
         for buffer in [&small, &large, &small].into_iter().take(ended as usize) {

@@ -50,7 +50,7 @@ pub use step_clock::StepSeconds;
 use self::{
     handed::{Followed, GpuHandedPath},
     known::LightBeside,
-    tracing::{PathStart, SAMPLE_BYTES, SLICE_MIN, Tracing},
+    tracing::{PathStart, SAMPLE_BYTES, Tracing},
 };
 use super::{
     CARD, PathSettings, PathTracer, View,
@@ -153,11 +153,13 @@ struct Running {
     coming: Option<Coming>,
     /// Of samples that were taken and are not whole yet.
     handed: Option<Handed>,
+    /// Of what was traced here.
+    counts: Counts,
 }
 
 impl Running {
     fn new(begun: Begun) -> Running {
-        Running { begun, coming: None, handed: None }
+        Running { begun, coming: None, handed: None, counts: Counts::default() }
     }
 }
 
@@ -213,13 +215,14 @@ impl GpuPathTracer {
 
     /// Pictures of a scene; steps are to be of the same world.
     pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
+        let slice = scene.pixels_at_once.load(Ordering::Relaxed);
         GpuPathTracer {
             scene,
             settings,
             secondary: None,
             begun: None,
             samples: Vec::new(),
-            slice: SLICE_MIN,
+            slice,
             shown_as: None,
             shown: None,
             completed: Vec::new(),
@@ -253,7 +256,7 @@ impl GpuPathTracer {
         &self.scene
     }
 
-    /// Traces the next slice of a pass; its samples are coming then. Returns the work that took.
+    /// Traces the next slice of a pass; its samples are coming then.
     ///
     /// Those of the slice before are taken first, so that a pass never needs room for those of two slices on their way. Their last paths
     /// are followed meanwhile, by other threads than the one that holds the card: those may wait for it.
@@ -264,12 +267,12 @@ impl GpuPathTracer {
         running: &mut Running,
         pixel_count: usize,
         frame: Option<&FrameOnCard>,
-    ) -> Result<Counts, GpuError> {
+    ) -> Result<(), GpuError> {
         self.take_coming(running)?;
         let handed = running.handed.take();
         let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let Running { begun: Begun { header, focused, .. }, coming, .. } = running;
+        let Running { begun: Begun { header, focused, .. }, coming, counts, .. } = running;
         let light = LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref() };
         // What a card has counted of a sketch the CPU would have to count as well.
         let hands_over = focused.as_ref().is_none_or(|focused| !focused.is_sketch());
@@ -292,12 +295,13 @@ impl GpuPathTracer {
             }
             self.scene.trace_with(PathStart::Pixels, pixel_count, light, trace)
         });
-        let mut counts = handed.map_or_else(Counts::default, |handed| self.add_followed(&handed, &followed));
+        *counts += handed.map_or_else(Counts::default, |handed| self.add_followed(&handed, &followed));
         let (slice, next) = traced?;
         *coming = Some(next);
-        counts += slice.counts;
+        *counts += slice.counts;
         self.slice = self.scene.slice_after(PathStart::Pixels, self.slice, wanted, slice.first_seconds);
-        Ok(counts)
+        self.scene.pixels_at_once.store(self.slice, Ordering::Relaxed);
+        Ok(())
     }
 
     /// Takes the samples that are coming, by all threads: nothing of the card is held here.
@@ -323,7 +327,7 @@ impl GpuPathTracer {
             // As cards sample.
             ..Tracer::of(self.scene.world(), PathSettings { knows_openings: false, ..self.settings })
         };
-        handed::follow(&tracer, &handed.paths, |_| index)
+        handed::follow(&tracer, &handed.paths, |_| Some(index))
     }
 
     /// Adds that to the samples, and says what it took.
@@ -350,25 +354,27 @@ impl GpuPathTracer {
         frame: Option<&FrameOnCard>,
         cancel: &AtomicBool,
     ) -> Result<Progress, GpuError> {
-        let mut progress = Progress { complete: true, ..Progress::default() };
-        while running.traced() < pixel_count {
+        let mut complete = true;
+        while running.traced() < pixel_count && complete {
             if cancel.load(Ordering::Relaxed) {
-                progress.complete = false;
-                break;
+                complete = false;
+            } else {
+                self.trace_slice(running, pixel_count, frame)?;
             }
-            progress.counts += self.trace_slice(running, pixel_count, frame)?;
         }
-        progress.counts += self.take_rest(running)?;
-        Ok(progress)
+        self.take_rest(running)?;
+        Ok(Progress { complete, counts: std::mem::take(&mut running.counts) })
     }
 
     /// Takes what the last slice brings, whole.
-    fn take_rest(&mut self, running: &mut Running) -> Result<Counts, GpuError> {
+    fn take_rest(&mut self, running: &mut Running) -> Result<(), GpuError> {
         self.take_coming(running)?;
-        let Some(handed) = running.handed.take() else { return Ok(Counts::default()) };
-        let Begun { header, focused, .. } = &running.begun;
-        let followed = self.follow(&handed, header.index, focused.as_deref());
-        Ok(self.add_followed(&handed, &followed))
+        if let Some(handed) = running.handed.take() {
+            let Begun { header, focused, .. } = &running.begun;
+            let followed = self.follow(&handed, header.index, focused.as_deref());
+            running.counts += self.add_followed(&handed, &followed);
+        }
+        Ok(())
     }
 
     /// The whole pass, or as far as it came.
@@ -393,8 +399,7 @@ impl GpuPathTracer {
         };
         (self.shown, self.completed) = (None, Vec::new());
         let scene = Arc::clone(&self.scene);
-        // One that was begun before has samples that are not on the card.
-        let mut frame = if begun.taken == 0 { self.frame_of(&scene, film.size(), pass) } else { None };
+        let mut frame = self.frame_of(&scene, film, &begun);
         let mut running = Running::new(begun);
         let traced = loop {
             let shows = frame.as_ref().and_then(|frame| frame.as_ref());
@@ -405,7 +410,7 @@ impl GpuPathTracer {
                 break traced;
             }
             // Better drawn there and shown here than neither: its memory goes with the next slice that needs it.
-            scene.refuses_frames.store(true, Ordering::Relaxed);
+            scene.frames_refused_from.fetch_min(pixel_count, Ordering::Relaxed);
         };
         let frame = frame.as_ref().and_then(|frame| frame.as_ref());
         if running.begun.taken < pixel_count {
@@ -416,8 +421,9 @@ impl GpuPathTracer {
         // The card shows it while the film takes it.
         let shown = frame.and_then(|frame| self.show(frame, film.size()));
         self.add_to(film);
-        self.shown = shown.and_then(|shown| shown.collect().ok());
-        self.scene.losses.store(0, Ordering::Relaxed);
+        if !self.keep_shown(shown, film.size()) {
+            self.scene.losses.store(0, Ordering::Relaxed);
+        }
         traced
     }
 

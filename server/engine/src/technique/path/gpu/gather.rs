@@ -184,7 +184,7 @@ impl GpuGatherer {
             // As cards sample.
             ..Tracer::of(self.scene.world(), PathSettings { knows_openings: false, ..tracer.settings })
         };
-        for followed in handed::follow(&on_cpu, &slice.handed, |slot| rays[slot].index) {
+        for followed in handed::follow(&on_cpu, &slice.handed, |slot| Some(rays.get(slot)?.index)) {
             counts += followed.counts;
             let of_class =
                 |class: &PathClass| brought.contains(*class).then(|| followed.radiance[*class as usize]);

@@ -24,9 +24,11 @@ use crate::{
 
 use std::sync::Arc;
 
-/// Paths that are handed over, at most. Those that lose next to nothing go on for 50 scatterings in the mean and the CPU of a workstation
-/// follows a thousand of them in some 5 ms, about as long as a card takes for a slice.
+/// Paths that are handed over, at most: those that lose next to nothing go on for 50 scatterings in the mean, and 16 threads follow a thousand
+/// of them in some 5 ms, about as long as a card takes for a slice.
 pub(super) const HANDED_MAX: u32 = 1024;
+/// And at most one of so many of a slice: the next is as large, and the card is not to wait for the CPU.
+const HANDED_SHARE: u32 = 16;
 /// Scatterings before any are: of most scenes none is left by then.
 pub(super) const HANDED_AFTER: u32 = 16;
 /// `Path::passing` in WGSL.
@@ -110,18 +112,23 @@ pub(super) struct Followed {
     pub(super) counts: Counts,
 }
 
+/// How many of a slice of so many are handed over, at most.
+pub(super) fn handed_max(path_count: u32) -> u32 {
+    path_count.div_ceil(HANDED_SHARE).min(HANDED_MAX)
+}
+
 /// Takes paths to their ends, on the rayon pool that it is called in: nothing of the card is to be held. In the order in which they came.
 ///
-/// - `index`: of the sampler of a slot's path
+/// - `index`: of the sampler of a slot's path; `None` for slots that the slice has not
 pub(super) fn follow(
     tracer: &Tracer<'_>,
     handed: &[GpuHandedPath],
-    index: impl Fn(usize) -> u32 + Sync,
+    index: impl Fn(usize) -> Option<u32> + Sync,
 ) -> Vec<Followed> {
     let followed = |handed: &GpuHandedPath| {
         let slot = handed.slot as usize;
         let mut counts = Counts::default();
-        let radiance = tracer.follow(&handed.underway(tracer.world, index(slot))?, &mut counts);
+        let radiance = tracer.follow(&handed.underway(tracer.world, index(slot)?)?, &mut counts);
         Some(Followed { slot, radiance, counts })
     };
     handed.par_iter().with_max_len(1).filter_map(followed).collect()

@@ -277,6 +277,7 @@ impl GpuScene {
             let drawn = match drawn.flatten() {
                 Ok(drawn) => drawn,
                 Err(GpuError::Lost) if self.losses.fetch_add(1, Ordering::Relaxed) < LOSSES_MAX => continue,
+                Err(GpuError::OutOfMemory { .. }) if self.let_frame_go() => continue,
                 // Fewer may have room.
                 Err(GpuError::OutOfMemory { .. }) if now.len() > 1 => {
                     most = now.len() / 2;

@@ -2,7 +2,7 @@
 
 use std::sync::{
     Arc, Mutex, MutexGuard,
-    atomic::{AtomicBool, AtomicU32},
+    atomic::{AtomicU32, AtomicUsize, Ordering},
 };
 
 use lumicast_shaders::Constant;
@@ -234,8 +234,12 @@ pub struct GpuScene {
     gone_shader_seconds: Mutex<f64>,
     /// What shows pictures as soon as they are drawn, once that was asked for. Locked before what is [ready](GpuScene::ready), never after it.
     pub(super) frame: Mutex<Option<FrameOnCard>>,
-    /// It had no room.
-    pub(super) refuses_frames: AtomicBool,
+    /// Pixels from which on pictures are not shown so: it had no room, or failed.
+    pub(super) frames_refused_from: AtomicUsize,
+    /// Passes since one was shown so.
+    pub(super) passes_unshown: AtomicU32,
+    /// Paths of the next slice of a picture that begins: as many as the last one came to.
+    pub(super) pixels_at_once: AtomicU32,
     /// Devices lost one after the other without a finished pass, by whichever picture.
     pub(super) losses: AtomicU32,
 }
@@ -251,7 +255,9 @@ impl GpuScene {
             ready: Mutex::default(),
             gone_shader_seconds: Mutex::default(),
             frame: Mutex::default(),
-            refuses_frames: AtomicBool::new(false),
+            frames_refused_from: AtomicUsize::new(usize::MAX),
+            passes_unshown: AtomicU32::new(0),
+            pixels_at_once: AtomicU32::new(SLICE_MIN),
             losses: AtomicU32::new(0),
         }
     }
@@ -266,7 +272,7 @@ impl GpuScene {
         &self.gpu
     }
 
-    /// Bytes on the card, of all scenes.
+    /// Bytes on the card, of all scenes; 0 where this one is not there.
     pub fn bytes(&self) -> u64 {
         locked(&self.ready).as_ref().map_or(0, |ready| ready.session.bytes_held())
     }
@@ -335,14 +341,7 @@ impl GpuScene {
         light: LightBeside<'_>,
         work: impl Fn(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        let traced = self.try_to_trace(from, path_count, light, &work);
-        // What shows pictures makes way for what draws them.
-        let is_too_much =
-            matches!(traced, Err(GpuError::OutOfMemory { .. } | GpuError::LightTooLarge { .. }));
-        if is_too_much && self.let_frame_go() {
-            return self.try_to_trace(from, path_count, light, &work);
-        }
-        traced
+        self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work))
     }
 
     fn try_to_trace<T>(
@@ -433,9 +432,10 @@ impl GpuScene {
         brought.read(take).inspect_err(|_| self.withdraw())
     }
 
-    /// Takes it off the card; whoever draws it again brings it back.
+    /// Takes it off the card; whoever draws it again brings it back. What shows a first pass that is drawn now stays until another withdrawal.
     pub fn withdraw(&self) {
         self.let_go(&mut locked(&self.ready));
         self.let_frame_go();
+        self.frames_refused_from.store(usize::MAX, Ordering::Relaxed);
     }
 }

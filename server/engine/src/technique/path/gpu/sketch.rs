@@ -227,7 +227,7 @@ impl GpuScene {
     /// and [`GpuError::OutOfMemory`] where the scene has none.
     pub fn is_fit(&self, sketch: &Arc<dyn FocusedLight>) -> Result<bool, GpuError> {
         let light = LightBeside { known: None, focused: Some(sketch) };
-        self.through_counted_losses(|| {
+        let count = || {
             let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
             self.run(&mut held, |ready| {
                 let compiled = ready.session.shader_seconds();
@@ -235,7 +235,8 @@ impl GpuScene {
                 ready.shader_seconds += ready.session.shader_seconds() - compiled;
                 Ok(is_fit)
             })
-        })
+        };
+        self.through_counted_losses(|| self.or_without_frame(count))
     }
 
     /// Compiles what counts sketches, so that no first picture waits for it.

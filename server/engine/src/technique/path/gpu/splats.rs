@@ -367,7 +367,8 @@ impl GpuScene {
         known: &Arc<dyn SecondaryLight>,
         by: SplatBy,
     ) -> Result<Splatted, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, by, self.pace(Session::batch)))
+        let splat = || self.splat_once(view, known, by, self.pace(Session::batch));
+        self.through_losses(|| self.or_without_frame(splat))
     }
 
     /// The same by the device's clock: [`Splatted::seconds`].
@@ -379,7 +380,8 @@ impl GpuScene {
         known: &Arc<dyn SecondaryLight>,
         by: SplatBy,
     ) -> Result<Splatted, GpuError> {
-        self.through_losses(|| self.splat_once(view, known, by, self.pace(Session::timed_batch)))
+        let splat = || self.splat_once(view, known, by, self.pace(Session::timed_batch));
+        self.through_losses(|| self.or_without_frame(splat))
     }
 
     /// [`Splatted::missing`] of [`GpuScene::splatted`], also where the device is lost in between.
@@ -387,7 +389,8 @@ impl GpuScene {
     /// Errors: as [`GpuScene::splatted`].
     pub fn missing(&self, view: &View, known: &Arc<dyn SecondaryLight>) -> Result<Vec<u32>, GpuError> {
         let pace = self.pace(Session::batch);
-        self.through_losses(|| self.splat_once(view, known, SplatBy::default(), pace)?.missing())
+        let missing = || self.splat_once(view, known, SplatBy::default(), pace)?.missing();
+        self.through_losses(|| self.or_without_frame(missing))
     }
 
     pub(super) fn pace(&self, begin: Begin) -> Pace {

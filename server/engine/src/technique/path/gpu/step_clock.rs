@@ -67,8 +67,9 @@ impl GpuPathTracer {
     }
 }
 
-/// Scatterings of a batch: more than most slices have.
-const SCATTERINGS: u32 = 16;
+/// Scatterings of the first batch and of the largest: later ones have ever fewer paths.
+const SCATTERINGS_FIRST: u32 = 2;
+const SCATTERINGS_MAX: u32 = 16;
 /// Steps of one: `closest`, `shade`, `turn`, `occluded`.
 const STEPS: u32 = 4;
 
@@ -77,10 +78,11 @@ impl Tracing<'_> {
     fn time_slice(self, header: &GpuPassHeader) -> Result<Option<StepSeconds>, GpuError> {
         self.write_header(header)?;
         let mut seconds = StepSeconds::default();
-        let mut first = Some(workgroups_of(header));
+        let (mut first, mut scatterings) = (Some(workgroups_of(header)), SCATTERINGS_FIRST);
         while first.is_some() || self.rays_left()? > 0 {
-            let Some(of_batch) = self.time_scatterings(first.take())? else { return Ok(None) };
+            let Some(of_batch) = self.time_scatterings(first.take(), scatterings)? else { return Ok(None) };
             seconds += of_batch;
+            scatterings = (2 * scatterings).min(SCATTERINGS_MAX);
         }
         Ok(Some(seconds))
     }
@@ -88,14 +90,18 @@ impl Tracing<'_> {
     /// Some scatterings of all paths that go on.
     ///
     /// - `first`: workgroups of the first, whose size `turn` has not written; it has to begin
-    fn time_scatterings(self, mut first: Option<[u32; 3]>) -> Result<Option<StepSeconds>, GpuError> {
+    fn time_scatterings(
+        self,
+        mut first: Option<[u32; 3]>,
+        scatterings: u32,
+    ) -> Result<Option<StepSeconds>, GpuError> {
         let begins = u32::from(first.is_some());
-        let mut batch = self.session.batch_of_steps("timed steps", begins + SCATTERINGS * STEPS)?;
+        let mut batch = self.session.batch_of_steps("timed steps", begins + scatterings * STEPS)?;
         if let Some(all) = first {
             self.begin(&mut batch, all)?;
             batch.end_step();
         }
-        for _ in 0..SCATTERINGS {
+        for _ in 0..scatterings {
             let first = first.take();
             self.closest(&mut batch, first)?;
             batch.end_step();

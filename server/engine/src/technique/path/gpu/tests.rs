@@ -146,13 +146,12 @@ impl Shot {
     fn on_card_by(&self, scene: &Arc<GpuScene>, pass: u32, slice: u32) -> (Vec<GpuPixelSample>, Counts) {
         let mut tracer = self.tracer(scene);
         let mut running = self.begin(&mut tracer, pass);
-        let mut counts = Counts::default();
         while running.traced() < self.size.pixel_count() {
             tracer.slice = slice;
-            counts += tracer.trace_slice(&mut running, self.size.pixel_count(), None).unwrap();
+            tracer.trace_slice(&mut running, self.size.pixel_count(), None).unwrap();
         }
-        counts += tracer.take_rest(&mut running).unwrap();
-        (tracer.samples, counts)
+        tracer.take_rest(&mut running).unwrap();
+        (tracer.samples, running.counts)
     }
 
     fn on_card(&self, scene: &Arc<GpuScene>, pass: u32) -> Pass {

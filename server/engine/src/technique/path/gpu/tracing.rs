@@ -16,7 +16,7 @@ use lumicast_shaders::{
 use super::{
     GpuCounters, GpuPassHeader, GpuPixelSample,
     gather::{GpuGatherRay, GpuRaySample},
-    handed::{GpuHandedPath, HANDED_AFTER, HANDED_MAX, HandOver},
+    handed::{GpuHandedPath, HANDED_AFTER, HandOver, handed_max},
     known::{Asked, KnownOnCard, Shading},
     photons::{GpuKeptPhoton, GpuSentPhoton, KEPT_PER_PHOTON},
     scene::GpuWorld,
@@ -403,7 +403,8 @@ impl<'a> Tracing<'a> {
         let counters: GpuCounters = counters.read(bytemuck::pod_read_unaligned)?;
         let handed = match handed {
             Some(handed) => {
-                let count = if counters.ray_count <= HANDED_MAX { counters.ray_count as usize } else { 0 };
+                let has_room = counters.ray_count <= handed_max(header.path_count);
+                let count = if has_room { counters.ray_count as usize } else { 0 };
                 // Also where there are none: the memory is kept for the next then.
                 handed.read(|all| bytemuck::pod_collect_to_vec(&all[..count * size_of::<GpuHandedPath>()]))?
             }

@@ -394,12 +394,13 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
     }
     assert_eq!(numbers["EMITTED"], f64::from(PathClass::Emitted as u32));
     assert_eq!(numbers["CLASS_COUNT"], PathClass::COUNT as f64);
-    let albedo = [
+    let [red, green, blue] = [
         offset_of!(GpuPixelSample, albedo_red),
         offset_of!(GpuPixelSample, albedo_green),
         offset_of!(GpuPixelSample, albedo_blue),
     ];
-    assert_eq!(albedo.map(word), [7.0, 11.0, 15.0], "ALBEDO_WORDS");
+    let of_class = offset_of!(GpuPixelSample, direct);
+    assert_eq!((numbers["ALBEDO_WORD"], [green, blue]), (word(red), [red + of_class, red + 2 * of_class]));
     let hand_over = PATH_HAND_OVER.source(PROOF_CONSTANTS);
     assert_same_layout!(
         &hand_over,
