@@ -227,8 +227,8 @@ settings! {
     kept_light_s: f64 = 60.0;
     /// Bytes of all light that scenes keep so; a scene that would exceed it keeps less of its own, what was left longest first.
     kept_light_bytes: u64 = 2 << 30;
-    /// Longest pass while the camera moves, ms; the picture shrinks until it fits. 40 ms leave room for 20 frames a
-    /// second with packing and sending. After a change that comes alone it may take up to three times as long.
+    /// Longest that a picture may take while the camera moves, ms: its pass, showing and packing it; it shrinks until it fits. 40 ms leave room
+    /// for 20 frames a second beside sending and what is learnt of the light. After a change that comes alone it may take up to three times as long.
     moving_pass_ms: f64 = 40.0;
 }
 

@@ -341,7 +341,6 @@ impl Painter {
                 let complete =
                     self.pass(&mut layer.rendering, &mut film, Cut { interruptible: false, after });
                 let samples = layer.rendering.sample_count() - before;
-                self.quick_speed.measure(samples, started.elapsed().as_secs_f64());
                 film.quick_rung.take(divisor, now);
                 if complete {
                     film.overruns = 0;
@@ -351,6 +350,8 @@ impl Painter {
                     // 4: sixteenfold, the whole ladder.
                     film.overruns = (film.overruns + 1).min(4);
                 }
+                // With showing and packing it, which large pictures take long for.
+                self.quick_speed.measure(samples, started.elapsed().as_secs_f64());
             }
             Err(problem) => viewer.set_problem(problem),
         }

@@ -11,6 +11,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// While things move: as long as drawing took, at most as long as a pass may then, and at least so long, as steps are.
+const LEARNING_MOVING_LEAST: f64 = 0.01;
 /// Slice of learning about the light between two slices of drawing, at least and at most …
 const LEARNING_LEAST: f64 = 0.04;
 const LEARNING_SECONDS: f64 = 0.2;
@@ -78,7 +80,7 @@ impl Painter {
 
     /// Learns of the light for a slice of time; true when it did anything.
     pub(super) fn learn(&mut self, is_moving: bool) -> bool {
-        let least = self.scene.workshop.config.moving_pass_ms * 1e-3;
+        let most_moving = self.scene.workshop.config.moving_pass_ms * 1e-3;
         let ratio = match self.films.values().next() {
             Some(film) if self.films.len() == 1 && self.drawings.is_empty() && film.is_lit_by_the_scene() => {
                 if film.climbs() {
@@ -90,7 +92,7 @@ impl Painter {
             _ => LEARNING_FOR_OTHERS,
         };
         let slice = if is_moving {
-            least
+            self.drawn_seconds.max(LEARNING_MOVING_LEAST).min(most_moving)
         } else {
             (ratio * self.drawn_seconds).clamp(LEARNING_LEAST, LEARNING_SECONDS)
         };

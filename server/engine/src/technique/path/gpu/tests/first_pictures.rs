@@ -145,7 +145,8 @@ fn counting_a_sketch_excuses_no_losses() {
 /// nothing has failed: the card is tried for later ones.
 #[test]
 fn first_pictures_without_room_for_the_sketch_are_drawn_on_the_cpu() {
-    let Some(gpu) = shared() else { return };
+    // A device of its own, whose bytes are those of this test.
+    let Some(gpu) = open().map(Arc::new) else { return };
     // Of no more paths than places are made ready for.
     let first = First { size: size(64, 60), ..First::new() };
     let by_cpu = first.drawn(None);
