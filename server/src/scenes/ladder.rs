@@ -18,6 +18,9 @@ const NEWEST_SHARE: f64 = 0.4;
 /// Share of the budget that a finer rung may take: between rungs lies a factor of four, so this leaves room on both sides.
 const TIME_TO_SPARE: f64 = 0.6;
 
+/// Where half the width takes more than this share of the time, beginning is what takes it: a coarser picture would come hardly sooner.
+const SAVED_SHARE_MAX: f64 = 0.75;
+
 /// A picture that had to become coarser while things move becomes no finer for so long: what a pass takes wavers with the view, and a
 /// size that goes up and down with it is worse to look at than a small one.
 const FINER_PAUSE: Duration = Duration::from_secs(2);
@@ -51,6 +54,8 @@ pub(super) struct Speed {
     /// Of another size, before those.
     before: Option<Passes>,
     is_measured: bool,
+    /// Of steps that have brought nothing yet: cards bring all samples of a pass with its last.
+    pending_seconds: f64,
 }
 
 impl Default for Speed {
@@ -62,12 +67,17 @@ impl Default for Speed {
 impl Speed {
     fn of_rate(samples_per_second: f64) -> Speed {
         let newest = Passes { samples: samples_per_second, seconds_each: 1.0 / samples_per_second };
-        Speed { newest, before: None, is_measured: false }
+        Speed { newest, before: None, is_measured: false, pending_seconds: 0.0 }
     }
 
-    /// Takes in a pass. One of under a millisecond says more about the clock than about speed.
+    /// Takes in a pass, or a step of one. One of under a millisecond says more about the clock than about speed.
     pub(super) fn measure(&mut self, samples: u64, seconds: f64) {
-        if samples == 0 || seconds <= 1e-3 {
+        if samples == 0 {
+            self.pending_seconds += seconds;
+            return;
+        }
+        let seconds = seconds + std::mem::take(&mut self.pending_seconds);
+        if seconds <= 1e-3 {
             return;
         }
         let samples = samples as f64;
@@ -105,11 +115,13 @@ impl Speed {
     /// The divisor for a picture that must be there within `budget_seconds`.
     ///
     /// A finer one than the `last` is taken only with time to spare, so that the size does not flicker between two
-    /// rungs while the speed wavers.
+    /// rungs while the speed wavers; and none is given up for one that takes about as long.
     pub(super) fn divisor_within(&self, full: Size, budget_seconds: f64, last: u32) -> u32 {
         let fits = |divisor: &u32| {
             let allowed = if *divisor < last { TIME_TO_SPARE * budget_seconds } else { budget_seconds };
-            self.pass_seconds(scaled(full, *divisor)) <= allowed
+            let seconds = self.pass_seconds(scaled(full, *divisor));
+            let of_next = self.pass_seconds(scaled(full, divisor * 2));
+            seconds <= allowed || of_next > SAVED_SHARE_MAX * seconds
         };
         rungs(1).find(fits).unwrap_or(DIVISOR_MAX)
     }
@@ -244,6 +256,11 @@ mod tests {
         assert!((speed.samples_per_second() / 2e6 - 1.0).abs() < 1e-3);
         speed.measure(100, 1e-6);
         assert!((speed.samples_per_second() / 2e6 - 1.0).abs() < 1e-3);
+        // A pass in steps, of which the last brings all its samples.
+        for seconds in [0.2, 0.2, 0.1] {
+            speed.measure(if seconds < 0.15 { 1_000_000 } else { 0 }, seconds);
+        }
+        assert!((speed.samples_per_second() / 2e6 - 1.0).abs() < 1e-3);
     }
 
     /// Where passes take their time to begin and little for each pixel, two sizes tell what a third takes; where each pixel takes as long, one
@@ -263,6 +280,12 @@ mod tests {
         for (fixed, each) in [(0.0, 1e-7), (0.01, 1e-8), (0.03, 1e-7)] {
             assert!((told(fixed, each) - 1.0).abs() < 0.02, "{fixed} {each}: {}", told(fixed, each));
         }
+        // What takes 35 ms to begin with is no sooner there for being smaller.
+        let mut speed = Speed::default();
+        for samples in [900, 3_600, 14_400, 57_600, 3_600] {
+            speed.measure(samples, 0.035 + 1e-7 * samples as f64);
+        }
+        assert_eq!(speed.divisor_within([640, 360], 0.03, 8), 2, "58, 41, 36 and 35 ms");
         let mut speed = Speed::default();
         for (samples, seconds) in [(100, 0.02), (100, 0.02), (400, 0.01), (1_600, 1.0)] {
             speed.measure(samples, seconds);

@@ -66,8 +66,8 @@ pub(super) struct Painter {
     turn: usize,
     /// Time spent on drawing in the last round.
     drawn_seconds: f64,
-    /// A quick pass was drawn while others waited to refine: they are next.
-    slice_owed: bool,
+    /// A quick pass of this viewer was drawn while others waited to refine: they are next, whatever news there is.
+    slice_owed: Option<u64>,
     alarm: Alarm,
 }
 
@@ -95,7 +95,7 @@ impl Painter {
             quick_speed: Speed::default(),
             turn: 0,
             drawn_seconds: 0.0,
-            slice_owed: false,
+            slice_owed: None,
             alarm,
         }
     }
@@ -244,7 +244,14 @@ impl Painter {
                 worked = true;
             }
         }
-        let refining: Vec<usize> = (0..tasks.len()).filter(|index| tasks[*index].2 == Task::Refine).collect();
+        let mut refining: Vec<usize> =
+            (0..tasks.len()).filter(|index| tasks[*index].2 == Task::Refine).collect();
+        let is_other = |index: &usize| Some(tasks[*index].0.id()) != self.slice_owed;
+        let is_owed =
+            self.slice_owed.is_some() && (refining.iter().any(is_other) || !self.drawings.is_empty());
+        if is_owed {
+            refining.retain(is_other);
+        }
         let waiting = refining.len() + self.drawings.len();
         let starting = tasks.iter().filter(|(_, _, task)| *task == Task::Start);
         let active = waiting + starting.clone().count();
@@ -254,21 +261,22 @@ impl Painter {
         });
         let moving = first.is_some();
         if let Some((viewer, Some(wish), _)) = first
-            && !(self.slice_owed && waiting > 0)
+            && !is_owed
         {
             self.start(viewer, wish, snapshot, active);
-            self.slice_owed = true;
+            self.slice_owed = (waiting > 0).then(|| viewer.id());
             return true;
         }
+        self.slice_owed = None;
         if waiting == 0 {
             return worked;
         }
-        self.slice_owed = false;
-        let cut = match (moving, active) {
-            // The slice of those who wait while another one moves: news may not take it away.
-            (true, _) => Cut { interruptible: false, after: Some(self.quick_pass(active)) },
+        let cut = if moving || is_owed {
+            // The slice of those who wait while another one moves: news may not take it away, nor may that his next camera is not looked at yet.
+            Cut { interruptible: false, after: Some(self.quick_pass(active.max(2))) }
+        } else {
             // A slice even for one alone: other scenes share the drawing pool, and a step goes on where it stopped.
-            (false, _) => Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) },
+            Cut { interruptible: true, after: Some(Duration::from_secs_f64(SLICE_SECONDS)) }
         };
         self.turn = (self.turn + 1) % waiting;
         match refining.get(self.turn) {

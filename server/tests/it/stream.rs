@@ -2,7 +2,9 @@ use crate::harness::{BOX, Heard, PATIENCE, Server, Viewer, harmless, in_time};
 use futures_util::{SinkExt, StreamExt};
 use lumicast_protocol::{FrameHeader, PayloadCodec, PayloadKind, ServerMessage};
 use serde_json::json;
-use std::time::Instant;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::protocol::Message;
 
@@ -222,6 +224,42 @@ async fn a_storm_of_cameras_is_answered_with_the_newest() {
         }
     }
     assert!(drawn < 500, "{drawn} of 1000 cameras were drawn");
+    server.stop().await;
+}
+
+/// Who looks on while another moves without a pause gets his picture in full size and more samples of it: none starves.
+#[tokio::test]
+async fn who_looks_on_is_drawn_for_while_another_moves() {
+    let server = Server::start(|config| config.messages_per_second = 10_000).await;
+    let mut mover = server.viewer().await;
+    let mut onlooker = server.viewer().await;
+    let is_over = Arc::new(AtomicBool::new(false));
+    let moving = tokio::spawn({
+        let is_over = Arc::clone(&is_over);
+        async move {
+            let mut frames = 0;
+            for n in 0_u32.. {
+                if is_over.load(Ordering::Relaxed) {
+                    break;
+                }
+                mover.pose(0.1 * (f64::from(n) * 0.02).sin(), [320, 180]).await;
+                while let Ok(heard) = tokio::time::timeout(Duration::from_millis(8), mover.hear()).await {
+                    if let Heard::Frame(header, _) = heard {
+                        frames += 1;
+                        mover.acknowledge(header.frame).await;
+                        break;
+                    }
+                }
+            }
+            frames
+        }
+    });
+    let full = [160, 120];
+    onlooker.camera("corner", full).await;
+    onlooker.frame_where(|header| header.size == full && header.samples >= 4).await;
+    is_over.store(true, Ordering::Relaxed);
+    let frames = in_time(moving).await.unwrap();
+    assert!(frames > 3, "the other goes on: {frames} pictures");
     server.stop().await;
 }
 
