@@ -191,7 +191,7 @@ impl GpuGatherer {
             let more =
                 PathClass::ALL.iter().filter_map(of_class).fold(Rgb::BLACK, |sum, of_class| sum + of_class);
             if let Some(arrived) = arrived.get_mut(followed.slot) {
-                arrived.radiance = arrived.radiance + more;
+                arrived.radiance += more;
             }
         }
         Ok((arrived, counts))

@@ -73,6 +73,9 @@ fn first_passes_are_shown_as_by_the_cpu() {
     }
 }
 
+/// Sets something in a sample.
+type Set = fn(&mut GpuPixelSample, f32);
+
 /// Samples that no film takes count as black, also for their neighbours; the largest and smallest that it takes do not end in infinities.
 #[test]
 fn hostile_samples_are_shown_as_by_the_cpu() {
@@ -91,7 +94,7 @@ fn hostile_samples_are_shown_as_by_the_cpu() {
         depth_m: 3.0,
         ..GpuPixelSample::zeroed()
     };
-    let set: [(&str, fn(&mut GpuPixelSample, f32)); 5] = [
+    let set: [(&str, Set); 5] = [
         ("light", |sample, value| sample.indirect[1] = value),
         ("emitted", |sample, value| (sample.emitted, sample.is_shining) = ([value; 3], 1)),
         ("albedo", |sample, value| sample.albedo_blue = value),
