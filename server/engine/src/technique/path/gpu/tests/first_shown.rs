@@ -121,6 +121,53 @@ fn hostile_samples_are_shown_as_by_the_cpu() {
     }
 }
 
+/// Every number by which surfaces are told apart is taken for itself: stripes that differ in one alone, under noisy light.
+#[test]
+fn each_number_of_a_surface_tells_it_apart() {
+    let Some(gpu) = shared() else { return };
+    let session = gpu.session().unwrap();
+    let size = size(37, 21);
+    let frame = FrameOnCard::new(&session, size).unwrap();
+    let display = Display::new(ToneMap::Linear, 1.0);
+    let set: [(&str, Set); 7] = [
+        ("red", |sample, value| sample.albedo_red = value),
+        ("green", |sample, value| sample.albedo_green = value),
+        ("blue", |sample, value| sample.albedo_blue = value),
+        ("x", |sample, value| sample.normal[0] = 0.5 * value - 0.25),
+        ("y", |sample, value| sample.normal[1] = 0.5 * value - 0.25),
+        ("z", |sample, value| sample.normal[2] = 0.5 * value - 0.25),
+        ("depth", |sample, value| sample.depth_m = 3.0 * value),
+    ];
+    let mut pictures: Vec<Vec<u8>> = Vec::new();
+    for (name, set) in set {
+        let sample = |pixel: usize| {
+            let [r, g, b, _] = PixelSampler::new(5, 0, pixel as u32, 0).four(0);
+            let mut sample = GpuPixelSample {
+                indirect: [r, g, b],
+                albedo_red: 0.5,
+                albedo_green: 0.5,
+                albedo_blue: 0.5,
+                normal: [0.2, 0.35, 0.5],
+                depth_m: 3.0,
+                ..GpuPixelSample::zeroed()
+            };
+            set(&mut sample, if (pixel % 37) % 6 < 3 { 0.3 } else { 0.7 });
+            sample
+        };
+        let samples: Vec<_> = (0..size.pixel_count()).map(sample).collect();
+        session.write(frame.samples(), 0, bytemuck::cast_slice(&samples)).unwrap();
+        let shown = frame.show(size, PathClasses::ALL.bits(), (&display, true), Session::batch);
+        let shown = shown.unwrap().collect().unwrap();
+        let mut film = Film::new(size);
+        for tile in film.tiles_mut() {
+            tile.add_pass(|x, y| sample_of(&samples[(y * size.width() + x) as usize]));
+        }
+        assert_like(&shown, &by_cpu(&film, &display, true), name);
+        assert!(!pictures.contains(&shown), "{name} shows as another");
+        pictures.push(shown);
+    }
+}
+
 /// What was begun before, has no room or comes from another device is left to the CPU, and the film is what it is without.
 #[test]
 fn what_cannot_be_shown_is_left_to_the_cpu() {
