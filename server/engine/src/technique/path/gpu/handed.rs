@@ -76,7 +76,7 @@ impl GpuHandedPath {
     /// `None` for what no shader of ours hands over: what a driver makes of it is not ours.
     ///
     /// - `index`: of its sampler
-    fn underway(&self, world: &World, index: u32) -> Option<Underway> {
+    pub(super) fn underway(&self, world: &World, index: u32) -> Option<Underway> {
         let path = &self.path;
         let left = TriangleId { instance: path.left_instance, triangle: path.left_triangle };
         let key = u64::from(path.key[1]) << 32 | u64::from(path.key[0]);
