@@ -101,9 +101,6 @@ pub enum Outdated {
     Wrong,
 }
 
-/// Tiles that a thread makes at least: 1.3 MB.
-const TILES_TOGETHER: usize = 32;
-
 /// Sums of samples for every pixel of a picture; see the module's head.
 ///
 /// Every image that it returns is `[h × w]`, rows top to bottom.
@@ -125,9 +122,9 @@ impl Film {
     pub fn new(size: PictureSize) -> Film {
         let columns = size.width.div_ceil(TILE_SIDE);
         let rows = size.height.div_ceil(TILE_SIDE);
-        // Of a large picture its memory takes longer to get than a first pass to draw.
-        let tile_at = |index: u32| Tile::new(size, index % columns * TILE_SIDE, index / columns * TILE_SIDE);
-        let tiles = (0..rows * columns).into_par_iter().with_min_len(TILES_TOGETHER).map(tile_at).collect();
+        // By one thread: tiles that many made lie apart, and take two thirds longer to read (1920 × 1080, 12 ms for 20 as they are).
+        let tile_at = |row: u32, column: u32| Tile::new(size, column * TILE_SIDE, row * TILE_SIDE);
+        let tiles = (0..rows).flat_map(|row| (0..columns).map(move |column| tile_at(row, column))).collect();
         Film { size, tiles }
     }
 
@@ -235,22 +232,24 @@ impl Film {
         self.tiles.iter().map(of_tile).min().unwrap_or(0)
     }
 
-    /// One value per pixel, from tiles to rows; `empty` where no pass has run. Every value is written once, by the thread that finds it: what
-    /// one thread writes beforehand takes it longer than all of them the rest.
-    fn image<T: Copy + Send + Sync>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
+    /// One value per pixel, from tiles to rows; `empty` where no pass has run.
+    fn image<T: Copy + Send>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
         let width = self.size.width as usize;
-        let side = TILE_SIDE as usize;
-        let columns = width.div_ceil(side);
-        let at = |index: usize| {
-            let (y, x) = (index / width, index % width);
-            let tile = &self.tiles[y / side * columns + x / side];
-            if tile.passes() == 0 {
-                return empty;
+        let mut image = vec![empty; self.size.pixel_count()];
+        let columns = self.size.width.div_ceil(TILE_SIDE) as usize;
+        let rows = image.par_chunks_mut(width * TILE_SIDE as usize);
+        rows.zip(self.tiles.par_chunks(columns)).for_each(|(rows, tiles)| {
+            for tile in tiles.iter().filter(|tile| tile.passes() > 0) {
+                let (left, size) = (tile.origin().x as usize, tile.size());
+                let pixels = tile.pixels.chunks_exact(size.x as usize);
+                for (to, row) in rows.chunks_exact_mut(width).zip(pixels) {
+                    for (to, pixel) in to[left..].iter_mut().zip(row) {
+                        *to = value(pixel, tile.held());
+                    }
+                }
             }
-            let pixel = y % side * tile.size().x as usize + x % side;
-            value(&tile.pixels[pixel], tile.held())
-        };
-        (0..self.size.pixel_count()).into_par_iter().with_min_len(width).map(at).collect()
+        });
+        image
     }
 
     /// Some pixel that has a pass is so.
