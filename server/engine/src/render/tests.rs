@@ -1,5 +1,6 @@
 //! Laws of photons and octree together [techniques.md].
 
+mod octrees;
 mod pictures;
 mod records;
 mod rounds;
@@ -103,57 +104,6 @@ impl Caches {
     }
 }
 
-/// In a closed box that emits E and reflects ρ the light that comes by way of other walls is π (E/(1−ρ) − E) everywhere:
-/// within 1 % away from edges, within 3 % at edges and corners.
-#[test]
-fn the_octree_of_a_furnace_is_even() {
-    for (albedo, is_on_ground) in [(0.3f32, false), (0.8, false), (0.8, true)] {
-        let mut scene = samples::furnace(albedo, 0.25).unwrap();
-        if is_on_ground {
-            scene = on_ground(&scene, 0.0);
-            // Light from afar that is next to nothing: photons and cells are then for things on the ground.
-            let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
-            builder.set_environment(Environment::Constant(Rgb::splat(1e-9))).unwrap();
-            scene = builder.finish().0;
-            assert!(scene.nested_bounds().is_some());
-        }
-        let world = world_of(scene);
-        let mut furnace = settings(400_000, if is_on_ground { 6 } else { 4 });
-        furnace.octree = furnace.octree.gathering(NonZeroUsize::new(300).unwrap());
-        let light = Caches::complete(furnace, &world);
-        let octree = light.octree.octree().unwrap();
-        let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - albedo) - 1.0);
-        let off_at = |p: Vec3, n: Vec3| octree.irradiance(p, n)[0].mean() / expected - 1.0;
-        let (mut inner, mut border, mut corners) = (Vec::new(), Vec::new(), Vec::new());
-        for i in -9..=9i32 {
-            for j in -9..=9i32 {
-                let (u, v) = (i as f32 * 0.111, j as f32 * 0.111);
-                for (p, n) in [
-                    (Vec3::new(u, -1.0, v), Vec3::Y),
-                    (Vec3::new(u, 1.0, v), -Vec3::Y),
-                    (Vec3::new(-1.0, u, v), Vec3::X),
-                    (Vec3::new(u, v, 1.0), -Vec3::Z),
-                ] {
-                    match (i.abs() >= 8, j.abs() >= 8) {
-                        (true, true) => corners.push(off_at(p, n)),
-                        (false, false) => inner.push(off_at(p, n)),
-                        _ => border.push(off_at(p, n)),
-                    }
-                }
-            }
-        }
-        // Means over hundreds of places, a few dozen gathers of 300 photons: their noise is below half a percent; in the 64
-        // places at corners, 16 gathers, 1.5 %.
-        let mean = |off: &[f32]| off.iter().sum::<f32>() / off.len() as f32;
-        let off = [mean(&inner), mean(&border), mean(&corners)];
-        // Of a gather of 300 photons and some blending: 6 % at most; five of these for the worst of 1,444 places.
-        let worst =
-            inner.iter().chain(&border).chain(&corners).fold(0.0f32, |worst, off| worst.max(off.abs()));
-        assert!(worst < 0.3, "ρ {albedo}: {worst}");
-        assert!(off[0].abs() < 0.01 && off[1].abs() < 0.03 && off[2].abs() < 0.03, "ρ {albedo}: {off:?}");
-    }
-}
-
 /// The same a metre above ground, thirty times as wide as a furnace, that reflects so much.
 fn on_ground(scene: &Scene, albedo: f32) -> Scene {
     let below = scene.bounds().unwrap().min.y - 1.0;
@@ -166,135 +116,6 @@ fn on_ground(scene: &Scene, albedo: f32) -> Scene {
     let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(ground.clone()) };
     builder.add_node(ground, node).unwrap();
     builder.finish().0
-}
-
-/// A room behind a window, on ground fifteen times as wide, is lit as by paths: most photons of sun and sky are aimed at it, and cells are
-/// small there. 9 to 13 % off; 18 were they not.
-#[test]
-fn the_octree_of_a_room_on_wide_ground_is_that_of_a_room() {
-    let world = Arc::new(world_of(samples::room_on_ground().unwrap()));
-    let view = world.scene().camera_view(None).unwrap();
-    let size = PictureSize::new(64, 36).unwrap();
-    let drawn = |indirect: Indirect, passes: u32| {
-        let settings = RenderSettings { indirect, learning: Learning::InStep, ..RenderSettings::default() };
-        let mut rendering = Rendering::new(world.clone(), view, size, settings);
-        while rendering.passes() < passes {
-            rendering.step(&AtomicBool::new(false));
-        }
-        rendering.picture().radiance()
-    };
-    // Means over 4 × 4 pixels: noise of single pixels is not in question.
-    let coarse = |picture: Vec<Rgb>| -> Vec<Rgb> {
-        let of_tile = |tile: usize| {
-            let (x, y) = (tile % 16 * 4, tile / 16 * 4);
-            let pixels = (0..16).map(|pixel| picture[(y + pixel / 4) * 64 + x + pixel % 4]);
-            pixels.fold(Rgb::BLACK, |sum, pixel| sum + pixel * (1.0 / 16.0))
-        };
-        (0..16 * 9).map(of_tile).collect()
-    };
-    let found = compare(&coarse(drawn(Indirect::Octree, 64)), &coarse(drawn(Indirect::Path, 1024))).unwrap();
-    assert!(found.rel_mse.sqrt() < 0.15 && found.bias.abs() < 0.06, "{found:?}");
-}
-
-/// Light of a bright room does not get under the wall into a dark one that shares its floor, walls and ceiling, however coarse the
-/// cells: what a hundredth of the light is known by there is what it is alone, and the bright room loses nothing.
-#[test]
-fn the_octree_of_a_dark_room_is_dark_up_to_the_wall() {
-    let known = |emission: [f32; 2], depth: u32| {
-        let world = world_of(samples::parted_rooms(emission).unwrap());
-        Caches::complete(settings(60_000, depth), &world).octree.octree().unwrap().clone()
-    };
-    let world = world_of(samples::parted_rooms([1.0; 2]).unwrap());
-    for depth in [3, 4, 5, 6] {
-        let both = known([300.0, 3.0], depth);
-        let alone = [known([300.0, 0.0], depth), known([0.0, 3.0], depth)];
-        let mut ratios = [Vec::new(), Vec::new()];
-        let (mut leaked, mut lit) = (0.0f32, 0.0f32);
-        for i in 0..200u64 {
-            let [u, v, w, _] = sobol::point(5, i as u32);
-            // Up to one centimetre from the wall's faces.
-            let x = 0.02 + 0.4 * u * u;
-            let v = f64::from(v);
-            let (along, n) = match (w * 3.0) as u32 {
-                0 => (DVec3::new(0.0, 0.0, 1.8 * v - 0.9), Vec3::Y),
-                1 => (DVec3::new(0.0, 0.1 + 1.8 * v, -1.0), Vec3::Z),
-                _ => (DVec3::new(0.0, 2.0, 1.8 * v - 0.9), -Vec3::Y),
-            };
-            for (side, sign) in [-1.0, 1.0].into_iter().enumerate() {
-                let p = world.accel().to_render(along) + Vec3::X * (sign * x);
-                let of = |octree: &LightOctree| octree.irradiance(p, n)[0].mean();
-                ratios[side].push(of(&both) / of(&alone[side]));
-                // Without a lamp of its own the room is black.
-                let of_left = of(&alone[0]);
-                if side == 0 { lit += of_left } else { leaked += of_left }
-            }
-        }
-        assert!(leaked <= 1e-3 * lit, "depth {depth}: {leaked} of {lit}");
-        let mean = |ratios: &[f32]| ratios.iter().sum::<f32>() / ratios.len() as f32;
-        let [bright, dark] = [mean(&ratios[0]), mean(&ratios[1])];
-        // The same photons in both; the dark room has some hundred of its own near the wall.
-        assert!((bright - 1.0).abs() < 0.02 && (dark - 1.0).abs() < 0.15, "depth {depth}: {bright} {dark}");
-    }
-}
-
-/// The inside of a plate, which faces up below what is seen of its top and lies in the same cells, takes no share of the
-/// light that falls there: a plate that emits and reflects outwards as the furnace's walls do is as bright as they are.
-#[test]
-fn the_inside_of_a_plate_takes_no_light() {
-    let furnace = samples::furnace(0.6, 0.25).unwrap();
-    let mut builder = SceneBuilder::from_scene(&furnace, SceneLimits::default());
-    let outwards = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
-    builder.set_material(id("outwards".into()), outwards).unwrap();
-    let (low, high) = (DVec3::new(-0.5, -0.01, -0.5), DVec3::new(0.5, 0.01, 0.5));
-    let plate = samples::cuboid(low, high, &id("outwards".into()));
-    builder.add_mesh(id("plate".into()), plate).unwrap();
-    let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(id("plate".into())) };
-    builder.add_node(id("plate".into()), node).unwrap();
-    let world = world_of(builder.finish().0);
-    let mut settings = settings(400_000, 4);
-    settings.octree = settings.octree.gathering(NonZeroUsize::new(300).unwrap());
-    let light = Caches::complete(settings, &world);
-    let octree = light.octree.octree().unwrap();
-    let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0);
-    let mut sum = 0.0;
-    for i in -4..=4i32 {
-        for j in -4..=4i32 {
-            let p = Vec3::new(i as f32 * 0.1, 0.01, j as f32 * 0.1);
-            sum += octree.irradiance(p, Vec3::Y)[0].mean() / 81.0;
-        }
-    }
-    // Some forty gathers of 300 photons: a percent.
-    assert!((sum / expected - 1.0).abs() < 0.04, "{sum} for {expected}");
-}
-
-/// The floor of a closed box and its lid, both facing up within one cell, are sheets of their own: on the one falls what the
-/// lid outside gets in a furnace, on the other nothing.
-#[test]
-fn sheets_within_a_cell_do_not_mix() {
-    let furnace = samples::furnace(0.6, 0.25).unwrap();
-    let mut builder = SceneBuilder::from_scene(&furnace, SceneLimits::default());
-    let outwards = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
-    builder.set_material(id("outwards".into()), outwards).unwrap();
-    let mut settings = settings(400_000, 4);
-    settings.octree = settings.octree.gathering(NonZeroUsize::new(300).unwrap());
-    // Cells are an eighth of a metre wide.
-    let (low, high) = (DVec3::new(-0.5, -0.03, -0.5), DVec3::new(0.5, 0.03, 0.5));
-    let closed = samples::cuboid(low, high, &id("outwards".into()));
-    builder.add_mesh(id("closed".into()), closed).unwrap();
-    let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(id("closed".into())) };
-    builder.add_node(id("closed".into()), node).unwrap();
-    let world = world_of(builder.finish().0);
-    let light = Caches::complete(settings, &world);
-    let octree = light.octree.octree().unwrap();
-    let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0);
-    let mean = |y: f32| {
-        let at = |i: i32| Vec3::new((i % 9 - 4) as f32 * 0.1, y, (i / 9 - 4) as f32 * 0.1);
-        (0..81).map(|i| octree.irradiance(at(i), Vec3::Y)[0].mean()).sum::<f32>() / 81.0
-    };
-    let [lid, floor] = [mean(0.03), mean(-0.03)];
-    assert!((lid / expected - 1.0).abs() < 0.04, "{lid} for {expected}");
-    // Cells above hold the lid alone; on their way down they count a fourteenth.
-    assert!(floor < 0.08 * expected, "{floor} where it is dark, of {expected}");
 }
 
 /// Numbers for choosing edits.

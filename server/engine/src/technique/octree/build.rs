@@ -9,7 +9,7 @@ use super::{
     LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
     cube::Cube,
-    gathers::{Gathers, LIFT_CELLS, LOOK_CELLS, key_of},
+    gathers::{Gathers, LOOK_CELLS, key_of},
     harmonics::Harmonics,
     lights::{self, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
@@ -362,12 +362,11 @@ impl Building {
         let sets = self.light.iter().zip(&self.voxels.sets);
         let irradiance: Vec<f32> = sets.map(|(light, set)| light.irradiance(set.normal)).collect();
         let walls: Vec<Option<NearWalls>> = self.light.iter().map(|light| light.walls).collect();
-        let lifted = |set: &VoxelSet| set.centre + set.normal * (LIFT_CELLS * set.across_m);
-        parted(&self.voxels, &walls, &irradiance, |here, there| {
-            let (from, to) = (lifted(here), lifted(there));
+        let is_between = |[from, to]: [Vec3; 2]| {
             let ray = Ray { t_max: 1.0, ..Ray::new(from, to - from) };
             world.accel().is_occluded(&ray, |_| true)
-        })
+        };
+        parted(&self.voxels, &walls, &irradiance, is_between)
     }
 
     /// The finished octree.

@@ -310,8 +310,8 @@ pub struct OctreeBuilding {
     octree: Option<Arc<LightOctree>>,
     /// Photons of a scene without surface, which has no octree.
     nothing_of: Option<u64>,
-    /// Deeper ones would hold more pieces of surface than [`OctreeSettings::PIECES_MAX`].
-    is_full: bool,
+    /// Deeper ones would hold more pieces of surface than [`OctreeSettings::PIECES_MAX`], or show nothing more.
+    is_deepest: bool,
 }
 
 static CARD: Card =
@@ -331,7 +331,7 @@ impl OctreeBuilding {
             building: None,
             octree: None,
             nothing_of: None,
-            is_full: false,
+            is_deepest: false,
         }
     }
 
@@ -343,7 +343,7 @@ impl OctreeBuilding {
     /// True when the newest octree is of these photons and as deep as it gets.
     pub fn is_complete(&self, photons: &PhotonProduct) -> bool {
         let is_done = |octree: &Arc<LightOctree>| {
-            octree.depth() >= self.settings.depth || self.is_full || octree.shows_all_its_photons_can()
+            octree.depth() >= self.settings.depth || self.is_deepest || octree.shows_all_its_photons_can()
         };
         self.nothing_of == Some(photons.generation)
             || self
@@ -353,17 +353,16 @@ impl OctreeBuilding {
                 .is_some_and(is_done)
     }
 
-    /// Begins what is to be built next; `None` for a scene without surface, or when deeper would be too large.
+    /// Begins what is to be built next; `None` for a scene without surface, or when deeper would be too large or show nothing more.
     fn begin(&mut self, world: &World, photons: &Arc<PhotonProduct>) -> Option<Building> {
         let settings = self.settings;
         let mut depth = self.depth_next(photons);
         let fits =
             |depth| pieces_at(world, photons.maps.surfaces(), depth) <= OctreeSettings::PIECES_MAX as f64;
-        let is_deeper = |octree: &Arc<LightOctree>| {
-            octree.photons.generation == photons.generation && octree.depth() < depth
-        };
-        self.is_full = self.octree.as_ref().is_some_and(is_deeper) && !fits(depth);
-        if self.is_full {
+        let is_of_these = |octree: &Arc<LightOctree>| octree.photons.generation == photons.generation;
+        let is_deepening = self.octree.as_ref().is_some_and(is_of_these);
+        self.is_deepest = is_deepening && !fits(depth);
+        if self.is_deepest {
             return None;
         }
         while depth > 1 && !fits(depth) {
@@ -371,6 +370,12 @@ impl OctreeBuilding {
         }
         let building = Building::begin(world, photons, settings, depth, self.octree.as_ref())?;
         if depth > settings.depth_first && building.is_deeper_than_needed() {
+            if is_deepening {
+                // By the area that lies in cells, which is not known to the last bit, and where cells differ not nearly: the one that is there
+                // seems to show less than its photons can, and the next more. To begin again would find the same, for ever.
+                self.is_deepest = true;
+                return None;
+            }
             // An edit made the scene larger or took photons away: from the start, as for a fresh one.
             return Building::begin(world, photons, settings, settings.depth_first, None);
         }
@@ -411,7 +416,7 @@ impl Technique for OctreeBuilding {
             None => self.begin(step.world, &photons),
         };
         let Some(mut building) = building else {
-            if !self.is_full {
+            if !self.is_deepest {
                 // A scene without surface.
                 self.nothing_of = Some(photons.generation);
                 self.octree = None;

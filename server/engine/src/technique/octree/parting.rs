@@ -1,16 +1,23 @@
 //! Walls between groups: what is known on one side of them is not for the other.
 //!
 //! A cell is wider than a wall, and a look-up blends the cells around it. Where two groups that face alike lie on either side of a
-//! wall and get different light, each counts for next to nothing on the other's side.
+//! wall and get different light, each counts for next to nothing on the other's side; and so does the darker of two sheets, one above the other,
+//! beyond the plane midway between them.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::voxels::{VoxelSet, Voxels};
+use super::{
+    gathers::LIFT_CELLS,
+    voxels::{VoxelSet, Voxels},
+};
 use crate::technique::{LIKE_COS, Walls};
 
 /// Groups whose irradiances differ by more than this are parted: less is left to blend, since a plane goes on where its wall ends.
 const PARTED_TIMES: f32 = 2.0;
+
+/// Groups are two sheets if they lie so many sides of a cell apart.
+const SHEETS_APART_CELLS: f32 = 1e-3;
 
 /// Share of a group whose light a wall keeps off …
 pub(super) const BEHIND_SHARE: f32 = 1e-6;
@@ -74,16 +81,17 @@ impl NearWalls {
     }
 }
 
-/// Of each group the nearest wall that keeps it from another with other light, `[groups]`.
+/// Of each group the nearest plane that keeps it from another with other light, `[groups]`: a wall that stands on both, or one between two
+/// sheets that lie one above the other.
 ///
 /// - `walls`: `[groups]`, around each
 /// - `irradiance`: `[groups]`, W/m²
-/// - `is_between`: something stands between two groups; the plane of a wall goes on where the wall ends, in a doorway
+/// - `is_between`: something stands between two points; the plane of a wall goes on where the wall ends, in a doorway
 pub(super) fn parted(
     voxels: &Voxels,
     walls: &[Option<NearWalls>],
     irradiance: &[f32],
-    is_between: impl Fn(&VoxelSet, &VoxelSet) -> bool + Sync,
+    is_between: impl Fn([Vec3; 2]) -> bool + Sync,
 ) -> Vec<Parting> {
     let of_cell = |cell: usize| {
         let around = voxels.cells_around(cell);
@@ -105,11 +113,18 @@ pub(super) fn parted(
                     near(walls[*other]).map(Parting::turned).filter(|wall| wall.is_behind(there.centre));
                 let distance = |wall: &Parting| -wall.behind_m(here.centre);
                 let found = own.chain(its).map(|wall| (distance(&wall), wall));
-                let nearer = found.filter(|(distance_m, _)| (0.0..nearest.0).contains(distance_m));
-                if let Some(wall) = nearer.min_by(|a, b| a.0.total_cmp(&b.0))
-                    && is_between(here, there)
+                let nearer = |(distance_m, _): &(f32, Parting)| (0.0..nearest.0).contains(distance_m);
+                if let Some(wall) = found.filter(nearer).min_by(|a, b| a.0.total_cmp(&b.0))
+                    && is_between([lifted(here), lifted(there)])
                 {
                     nearest = wall;
+                }
+                let is_darker = irradiance[place] < irradiance[*other];
+                let sheet = is_darker.then(|| sheets_apart(here, there)).flatten();
+                if let Some((wall, crossing)) = sheet.filter(|(wall, _)| distance(wall) < nearest.0)
+                    && is_between(crossing)
+                {
+                    nearest = (distance(&wall), wall);
                 }
             }
             nearest.1
@@ -117,6 +132,28 @@ pub(super) fn parted(
         voxels.places_of(cell).map(of_place).collect::<Vec<Parting>>()
     };
     (0..voxels.codes.len()).into_par_iter().flat_map_iter(of_cell).collect()
+}
+
+fn lifted(set: &VoxelSet) -> Vec3 {
+    set.centre + set.normal * (LIFT_CELLS * set.across_m)
+}
+
+/// The plane midway between two groups that face alike, seen from `here`, and a way that crosses the upper one's sheet if that lies over the
+/// lower: from midway above the lower to over the upper. `None` for groups of one sheet.
+///
+/// Most that are parted so are insides of walls and shells, on which no light falls: they took up to half of the light of the faces that are
+/// seen, where cells begin between the two. A look-up tells sheets apart by how far off they are, less well the wider cells are.
+fn sheets_apart(here: &VoxelSet, there: &VoxelSet) -> Option<(Parting, [Vec3; 2])> {
+    let n = here.normal;
+    let above_m = n.dot(there.centre - here.centre);
+    if !(above_m.abs() > SHEETS_APART_CELLS * here.across_m) {
+        return None;
+    }
+    let midway_m = 0.5 * above_m;
+    let away = if above_m > 0.0 { n } else { -n };
+    let wall = Parting(away.extend(away.dot(here.centre) + midway_m.abs()));
+    let (lower, upper) = if above_m > 0.0 { (here, there) } else { (there, here) };
+    Some((wall, [lower.centre + n * midway_m.abs(), lifted(upper)]))
 }
 
 fn near(walls: Option<NearWalls>) -> impl Iterator<Item = Parting> {
