@@ -220,7 +220,7 @@ impl LightOctree {
     }
 
     /// Smaller cells would gather no fewer photons than these: they would show the same light in more places.
-    fn shows_all_its_photons_can(&self) -> bool {
+    pub(crate) fn shows_all_its_photons_can(&self) -> bool {
         self.settings.is_enough(self.voxels.cube.cell_m(), self.radius_max_m)
     }
 

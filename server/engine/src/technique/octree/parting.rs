@@ -1,8 +1,8 @@
 //! Walls between groups: what is known on one side of them is not for the other.
 //!
 //! A cell is wider than a wall, and a look-up blends the cells around it. Where two groups that face alike lie on either side of a
-//! wall and get different light, each counts for next to nothing on the other's side; and so does the darker of two sheets, one above the other,
-//! beyond the plane midway between them.
+//! wall and get different light, each counts for next to nothing on the other's side; and so do two sheets, one above the other, of which one is unlit,
+//! on either side of the plane midway between them.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -16,8 +16,13 @@ use crate::technique::{LIKE_COS, Walls};
 /// Groups whose irradiances differ by more than this are parted: less is left to blend, since a plane goes on where its wall ends.
 const PARTED_TIMES: f32 = 2.0;
 
-/// Groups are two sheets if they lie so many sides of a cell apart.
+/// Groups may be two sheets if they lie so many sides of a cell apart …
 const SHEETS_APART_CELLS: f32 = 1e-3;
+/// … and so many distances from the origin, which places are rounded by.
+const SHEETS_APART_ROUNDING: f32 = 32.0 * f32::EPSILON;
+/// A group that has at most this share of another's irradiance is as good as unlit. It has no light to leak past a wall; two that are lit may
+/// both have, and are told apart by how far off they are alone.
+const UNLIT_SHARE: f32 = 1e-3;
 
 /// Share of a group whose light a wall keeps off …
 pub(super) const BEHIND_SHARE: f32 = 1e-6;
@@ -102,6 +107,7 @@ pub(super) fn parted(
             }
             let here = &voxels.sets[place];
             let mut nearest = (f32::INFINITY, Parting::NONE);
+            let mut nearest_sheet = nearest;
             for other in &others {
                 let there = &voxels.sets[*other];
                 if here.normal.dot(there.normal) <= LIKE_COS || !differ(irradiance[place], irradiance[*other])
@@ -119,15 +125,19 @@ pub(super) fn parted(
                 {
                     nearest = wall;
                 }
-                let is_darker = irradiance[place] < irradiance[*other];
-                let sheet = is_darker.then(|| sheets_apart(here, there)).flatten();
-                if let Some((wall, crossing)) = sheet.filter(|(wall, _)| distance(wall) < nearest.0)
-                    && is_between(crossing)
-                {
-                    nearest = (distance(&wall), wall);
+                let [own, its] = [irradiance[place], irradiance[*other]];
+                let is_unlit = own <= UNLIT_SHARE * its;
+                if !is_unlit && its > UNLIT_SHARE * own {
+                    continue;
+                }
+                let Some((wall, distance_m, above)) = sheets_apart(here, there) else { continue };
+                let nearest = if is_unlit { &mut nearest } else { &mut nearest_sheet };
+                if distance_m < nearest.0 && is_between(above) {
+                    *nearest = (distance_m, wall);
                 }
             }
-            nearest.1
+            // Of what has light to leak a wall that it needs comes first.
+            if nearest.1 == Parting::NONE { nearest_sheet.1 } else { nearest.1 }
         };
         voxels.places_of(cell).map(of_place).collect::<Vec<Parting>>()
     };
@@ -138,22 +148,26 @@ fn lifted(set: &VoxelSet) -> Vec3 {
     set.centre + set.normal * (LIFT_CELLS * set.across_m)
 }
 
-/// The plane midway between two groups that face alike, seen from `here`, and a way that crosses the upper one's sheet if that lies over the
-/// lower: from midway above the lower to over the upper. `None` for groups of one sheet.
+/// The plane midway between two groups that face alike, seen from `here`, how far from there it is, m, and a way straight up from midway above
+/// the lower to over the upper, which that crosses if it lies over the middle of the lower. `None` where they are not told apart by how far
+/// off they are; groups of one curved sheet are, but it does not lie over itself.
 ///
 /// Most that are parted so are insides of walls and shells, on which no light falls: they took up to half of the light of the faces that are
 /// seen, where cells begin between the two. A look-up tells sheets apart by how far off they are, less well the wider cells are.
-fn sheets_apart(here: &VoxelSet, there: &VoxelSet) -> Option<(Parting, [Vec3; 2])> {
+fn sheets_apart(here: &VoxelSet, there: &VoxelSet) -> Option<(Parting, f32, [Vec3; 2])> {
     let n = here.normal;
     let above_m = n.dot(there.centre - here.centre);
-    if !(above_m.abs() > SHEETS_APART_CELLS * here.across_m) {
+    let farthest_m = here.centre.abs().max(there.centre.abs()).max_element();
+    let least_m = (SHEETS_APART_CELLS * here.across_m).max(SHEETS_APART_ROUNDING * farthest_m);
+    if !(above_m.abs() > least_m) {
         return None;
     }
-    let midway_m = 0.5 * above_m;
+    let midway_m = 0.5 * above_m.abs();
     let away = if above_m > 0.0 { n } else { -n };
-    let wall = Parting(away.extend(away.dot(here.centre) + midway_m.abs()));
+    let wall = Parting(away.extend(away.dot(here.centre) + midway_m));
     let (lower, upper) = if above_m > 0.0 { (here, there) } else { (there, here) };
-    Some((wall, [lower.centre + n * midway_m.abs(), lifted(upper)]))
+    let up = |by_m: f32| lower.centre + n * by_m;
+    Some((wall, midway_m, [up(midway_m), up(above_m.abs() + LIFT_CELLS * upper.across_m)]))
 }
 
 fn near(walls: Option<NearWalls>) -> impl Iterator<Item = Parting> {
