@@ -204,61 +204,46 @@ fn the_octree_of_a_dark_room_is_dark_up_to_the_wall() {
     }
 }
 
-/// The inside of a plate, which faces up below what is seen of its top and lies in the same cells, takes no share of the
-/// light that falls there: a plate that emits and reflects outwards as the furnace's walls do is as bright as they are.
-#[test]
-fn the_inside_of_a_plate_takes_no_light() {
+/// The octree of a furnace in which a closed box of a metre lies, so thick, that emits and reflects outwards as the furnace's walls do, and
+/// what falls on everything, W/m². Cells are an eighth of a metre wide.
+fn furnace_with_a_plate(thickness_m: f64) -> (Arc<LightOctree>, f32) {
     let furnace = samples::furnace(0.6, 0.25).unwrap();
     let mut builder = SceneBuilder::from_scene(&furnace, SceneLimits::default());
     let outwards = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
     builder.set_material(id("outwards".into()), outwards).unwrap();
-    let (low, high) = (DVec3::new(-0.5, -0.01, -0.5), DVec3::new(0.5, 0.01, 0.5));
-    let plate = samples::cuboid(low, high, &id("outwards".into()));
-    builder.add_mesh(id("plate".into()), plate).unwrap();
+    let high = DVec3::new(0.5, 0.5 * thickness_m, 0.5);
+    builder.add_mesh(id("plate".into()), samples::cuboid(-high, high, &id("outwards".into()))).unwrap();
     let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(id("plate".into())) };
     builder.add_node(id("plate".into()), node).unwrap();
-    let world = world_of(builder.finish().0);
     let mut settings = settings(400_000, 4);
     settings.octree = settings.octree.gathering(NonZeroUsize::new(300).unwrap());
-    let light = Caches::complete(settings, &world);
-    let octree = light.octree.octree().unwrap();
-    let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0);
-    let mut sum = 0.0;
-    for i in -4..=4i32 {
-        for j in -4..=4i32 {
-            let p = Vec3::new(i as f32 * 0.1, 0.01, j as f32 * 0.1);
-            sum += octree.irradiance(p, Vec3::Y)[0].mean() / 81.0;
-        }
-    }
+    let light = Caches::complete(settings, &world_of(builder.finish().0));
+    let octree = light.octree.octree().unwrap().clone();
+    (octree, std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0))
+}
+
+/// Mean irradiance of what faces up at a height over the plate, W/m².
+fn mean_facing_up(octree: &LightOctree, y: f32) -> f32 {
+    let at = |i: i32| Vec3::new((i % 9 - 4) as f32 * 0.1, y, (i / 9 - 4) as f32 * 0.1);
+    (0..81).map(|i| octree.irradiance(at(i), Vec3::Y)[0].mean()).sum::<f32>() / 81.0
+}
+
+/// The inside of a plate, which faces up below what is seen of its top and lies in the same cells, takes no share of the
+/// light that falls there: it is as bright as the furnace's walls.
+#[test]
+fn the_inside_of_a_plate_takes_no_light() {
+    let (octree, expected) = furnace_with_a_plate(0.02);
+    let top = mean_facing_up(&octree, 0.01);
     // Some forty gathers of 300 photons: a percent.
-    assert!((sum / expected - 1.0).abs() < 0.04, "{sum} for {expected}");
+    assert!((top / expected - 1.0).abs() < 0.04, "{top} for {expected}");
 }
 
 /// The floor of a closed box and its lid, both facing up within one cell, are sheets of their own: on the one falls what the
 /// lid outside gets in a furnace, on the other nothing.
 #[test]
 fn sheets_within_a_cell_do_not_mix() {
-    let furnace = samples::furnace(0.6, 0.25).unwrap();
-    let mut builder = SceneBuilder::from_scene(&furnace, SceneLimits::default());
-    let outwards = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
-    builder.set_material(id("outwards".into()), outwards).unwrap();
-    let mut settings = settings(400_000, 4);
-    settings.octree = settings.octree.gathering(NonZeroUsize::new(300).unwrap());
-    // Cells are an eighth of a metre wide.
-    let (low, high) = (DVec3::new(-0.5, -0.03, -0.5), DVec3::new(0.5, 0.03, 0.5));
-    let closed = samples::cuboid(low, high, &id("outwards".into()));
-    builder.add_mesh(id("closed".into()), closed).unwrap();
-    let node = Node { parent: None, parent_from_node: DAffine3::IDENTITY, mesh: Some(id("closed".into())) };
-    builder.add_node(id("closed".into()), node).unwrap();
-    let world = world_of(builder.finish().0);
-    let light = Caches::complete(settings, &world);
-    let octree = light.octree.octree().unwrap();
-    let expected = std::f32::consts::PI * 0.25 * (1.0 / (1.0 - 0.6) - 1.0);
-    let mean = |y: f32| {
-        let at = |i: i32| Vec3::new((i % 9 - 4) as f32 * 0.1, y, (i / 9 - 4) as f32 * 0.1);
-        (0..81).map(|i| octree.irradiance(at(i), Vec3::Y)[0].mean()).sum::<f32>() / 81.0
-    };
-    let [lid, floor] = [mean(0.03), mean(-0.03)];
+    let (octree, expected) = furnace_with_a_plate(0.06);
+    let [lid, floor] = [0.03, -0.03].map(|y| mean_facing_up(&octree, y));
     assert!((lid / expected - 1.0).abs() < 0.04, "{lid} for {expected}");
     // Cells above hold the lid alone; on their way down they count a fourteenth.
     assert!(floor < 0.08 * expected, "{floor} where it is dark, of {expected}");

@@ -1,8 +1,8 @@
 //! Walls between groups: what is known on one side of them is not for the other.
 //!
 //! A cell is wider than a wall, and a look-up blends the cells around it. Where two groups that face alike lie on either side of a
-//! wall and get different light, each counts for next to nothing on the other's side; and so do two sheets, one above the other, of which one is unlit,
-//! on either side of the plane midway between them.
+//! wall and get different light, each counts for next to nothing on the other's side; and so do two sheets, one above the other, of which
+//! one is unlit, on either side of the plane midway between them.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;

@@ -32,6 +32,24 @@ fn assert_like(card: &[u8], cpu: &[u8], name: &str) {
     assert!(others as f64 <= 1.0 + OTHERS_MAX * card.len() as f64, "{name}: {others} of {}", card.len());
 }
 
+/// What the card shows of samples, noise off, which is what the CPU shows of a film of them.
+fn shown_alike(
+    (session, frame): (&Session, &FrameOnCard),
+    size: PictureSize,
+    (samples, display): (&[GpuPixelSample], &Display),
+    name: &str,
+) -> Vec<u8> {
+    session.write(frame.samples(), 0, bytemuck::cast_slice(samples)).unwrap();
+    let shown = frame.show(size, PathClasses::ALL.bits(), (display, true), Session::batch);
+    let shown = shown.unwrap().collect().unwrap();
+    let mut film = Film::new(size);
+    for tile in film.tiles_mut() {
+        tile.add_pass(|x, y| sample_of(&samples[(y * size.width() + x) as usize]));
+    }
+    assert_like(&shown, &by_cpu(&film, display, true), name);
+    shown
+}
+
 /// Pictures of rooms, with and without their noise, of sizes that fill no workgroup, with classes that are not shown, of looked-up light and with
 /// paths that the CPU ends.
 #[test]
@@ -109,14 +127,7 @@ fn hostile_samples_are_shown_as_by_the_cpu() {
             for pixel in (0..size.pixel_count()).filter(|pixel| pixel % 17 == 3) {
                 set(&mut samples[pixel], value);
             }
-            session.write(frame.samples(), 0, bytemuck::cast_slice(&samples)).unwrap();
-            let shown = frame.show(size, PathClasses::ALL.bits(), (&display, true), Session::batch);
-            let shown = shown.unwrap().collect().unwrap();
-            let mut film = Film::new(size);
-            for tile in film.tiles_mut() {
-                tile.add_pass(|x, y| sample_of(&samples[(y * size.width() + x) as usize]));
-            }
-            assert_like(&shown, &by_cpu(&film, &display, true), &format!("{name} of {value}"));
+            shown_alike((&session, &frame), size, (&samples, &display), &format!("{name} of {value}"));
         }
     }
 }
@@ -155,14 +166,7 @@ fn each_number_of_a_surface_tells_it_apart() {
             sample
         };
         let samples: Vec<_> = (0..size.pixel_count()).map(sample).collect();
-        session.write(frame.samples(), 0, bytemuck::cast_slice(&samples)).unwrap();
-        let shown = frame.show(size, PathClasses::ALL.bits(), (&display, true), Session::batch);
-        let shown = shown.unwrap().collect().unwrap();
-        let mut film = Film::new(size);
-        for tile in film.tiles_mut() {
-            tile.add_pass(|x, y| sample_of(&samples[(y * size.width() + x) as usize]));
-        }
-        assert_like(&shown, &by_cpu(&film, &display, true), name);
+        let shown = shown_alike((&session, &frame), size, (&samples, &display), name);
         assert!(!pictures.contains(&shown), "{name} shows as another");
         pictures.push(shown);
     }
