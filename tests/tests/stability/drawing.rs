@@ -50,6 +50,22 @@ pub(crate) fn techniques() -> impl Iterator<Item = Technique> {
     TECHNIQUES.into_iter().filter(|technique| technique.backend == Backend::Cpu || gpu().is_some())
 }
 
+/// `LUMICAST_LAWS=short`: cards draw the first scene of each law alone, by one technique, since lavapipe draws several times as long as the
+/// CPU does.
+pub(crate) fn are_short() -> bool {
+    let asked = std::env::var("LUMICAST_LAWS").ok();
+    assert!(
+        asked.as_deref().is_none_or(|asked| asked == "short"),
+        "LUMICAST_LAWS is short, or not set: {asked:?}"
+    );
+    asked.is_some()
+}
+
+/// The techniques by which it is tried whether a law, or a check, can fail: cards are held to the same ones.
+pub(crate) fn tried() -> impl Iterator<Item = Technique> {
+    techniques().filter(|technique| !are_short() || technique.backend == Backend::Cpu)
+}
+
 /// The adapter, opened once.
 fn gpu() -> Option<&'static Arc<Gpu>> {
     static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();

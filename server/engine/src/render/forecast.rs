@@ -451,15 +451,15 @@ mod tests {
             let mut rendering = boxes(settings);
             watch(&mut rendering, &[0.001], 64);
             // Some more, by what is known in the end.
-            let passes = rendering.passes() + 400;
+            let passes = rendering.passes() + 250;
             watch(&mut rendering, &[0.001], passes).1[0].when
         };
-        let octree = [1, 2, 3, 4, 5].map(|seed| of(Indirect::Octree, seed));
+        let octree = [1, 2, 3].map(|seed| of(Indirect::Octree, seed));
         // By few pixels it may not be known yet how far it is off.
         let is_known = |when: &When| matches!(when, When::OutOfReach { error } if *error > 0.001);
         let promises = |when: &When| matches!(when, When::In { .. } | When::Reached { .. });
         let count = octree.iter().filter(|when| is_known(when)).count();
-        assert!(count >= 2 && !octree.iter().any(promises), "{octree:?}");
+        assert!(count >= 1 && !octree.iter().any(promises), "{octree:?}");
         assert!(matches!(of(Indirect::Auto, 2), When::In { .. }), "auto");
     }
 

@@ -12,7 +12,7 @@ use lumicast_engine::transport::{PathClass, World};
 use lumicast_tests::mean;
 
 use super::case::Case;
-use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, draw, name, techniques};
+use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, draw, name, techniques, tried};
 
 /// A small picture of a case takes some tenths of a second.
 const EFFORT: Effort = Effort {
@@ -312,7 +312,7 @@ fn checks_see_what_is_wrong() {
     let most = radiance_max(world.scene()).expect("a furnace has a bound");
     assert!(radiance_max(lit.scene()).is_none() && !is_dark(world.scene()));
     let subject = |is_dark, radiance_max| Subject { case: &furnace, world: &world, is_dark, radiance_max };
-    for technique in techniques() {
+    for technique in tried() {
         let checked = &mut Checked::default();
         assert_eq!(subject(false, Some(most)).is_sound(technique, checked), Ok(()), "{}", name(technique));
         assert!(subject(true, None).is_sound(technique, checked).is_err(), "{}", name(technique));

@@ -16,34 +16,22 @@ use lumicast_engine::transport::World;
 use self::compare::{EFFORT, Pictures, Tolerance};
 use self::room::{LitBy, carpeted, exchange, furnace, lit_by, permuted, placed, room, split, twice};
 use crate::draft::{Draft, Similarity, v};
-use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, draw, name, techniques};
+use crate::drawing::{Drawn, Effort, TECHNIQUES, Technique, are_short, draw, name, techniques, tried};
 
 /// How many of a law's scenes are taken by default, and how many with `LUMICAST_NIGHTLY=1`.
 fn at_night(by_default: usize, nightly: usize) -> usize {
     if std::env::var_os("LUMICAST_NIGHTLY").is_some() { nightly } else { by_default }
 }
 
-/// `LUMICAST_LAWS=short`: cards draw the first scene of each law alone, since lavapipe draws several times as long as the CPU does.
-fn are_short() -> bool {
-    let asked = std::env::var("LUMICAST_LAWS").ok();
-    assert!(
-        asked.as_deref().is_none_or(|asked| asked == "short"),
-        "LUMICAST_LAWS is short, or not set: {asked:?}"
-    );
-    asked.is_some()
-}
-
 /// The techniques by which a scene of a law is drawn.
 ///
 /// - `at`: among the law's scenes
-fn for_scene(at: usize) -> impl Iterator<Item = Technique> {
-    let is_left_out = at > 0 && are_short();
-    techniques().filter(move |technique| !is_left_out || technique.backend == Backend::Cpu)
-}
-
-/// The techniques by which it is tried whether a law can fail: cards are held to the same ones.
-fn tried() -> impl Iterator<Item = Technique> {
-    techniques().filter(|technique| !are_short() || technique.backend == Backend::Cpu)
+/// - `on_card`: the technique by which a card draws the first of them where laws are short
+fn for_scene(at: usize, on_card: Indirect) -> impl Iterator<Item = Technique> {
+    let is_short = are_short();
+    techniques().filter(move |technique| {
+        !is_short || technique.backend == Backend::Cpu || (at == 0 && technique.indirect == on_card)
+    })
 }
 
 /// The room's pictures, which most laws compare with.
@@ -75,11 +63,17 @@ fn resampling(technique: Technique) -> Tolerance {
 }
 
 /// Compares the room with scenes that must look like it, by every technique.
-fn look_like_the_room(law: &str, scenes: &[(String, Draft)], tolerance: fn(Technique) -> Tolerance) {
+///
+/// - `on_card`: see [`for_scene`]
+fn look_like_the_room(
+    (law, on_card): (&str, Indirect),
+    scenes: &[(String, Draft)],
+    tolerance: fn(Technique) -> Tolerance,
+) {
     let mut failures = Vec::new();
     for (at, (what, scene)) in scenes.iter().enumerate() {
         println!("{law}, {what}");
-        for technique in for_scene(at) {
+        for technique in for_scene(at, on_card) {
             let found = original(technique).differ(&Pictures::of(scene, technique), tolerance(technique));
             failures.extend(found.map(|found| format!("{what}: {found}")));
         }
@@ -92,7 +86,7 @@ fn law_a_scene_of_any_size_looks_the_same() {
     let sized =
         |scale: f64| (format!("scale {scale:e}"), placed(room(), Similarity { scale, ..Similarity::NONE }));
     let sizes: Vec<_> = [1e-4, 1e4, 1e-2, 1e2].into_iter().take(at_night(2, 4)).map(sized).collect();
-    look_like_the_room("size", &sizes, rounding);
+    look_like_the_room(("size", Indirect::Irradiance), &sizes, rounding);
 }
 
 #[test]
@@ -101,7 +95,11 @@ fn law_a_scene_looks_the_same_far_away() {
     let far = placed(room(), Similarity { offset, ..Similarity::NONE });
     // Small and far at once: a metre-wide room a hundred kilometres away, and what rounding leaves of it.
     let small = placed(room(), Similarity { offset, scale: 0.01, ..Similarity::NONE });
-    look_like_the_room("place", &[("far away".into(), far), ("small and far away".into(), small)], rounding);
+    look_like_the_room(
+        ("place", Indirect::Path),
+        &[("far away".into(), far), ("small and far away".into(), small)],
+        rounding,
+    );
 }
 
 #[test]
@@ -112,17 +110,17 @@ fn law_a_scene_looks_the_same_turned() {
     };
     let turns = [("some way", v(1.0, -2.0, 0.5), 2.1), ("on its side", DVec3::Z, TAU / 4.0)];
     let turned: Vec<_> = turns.into_iter().take(at_night(1, 2)).map(turned).collect();
-    look_like_the_room("turn", &turned, resampling);
+    look_like_the_room(("turn", Indirect::Octree), &turned, resampling);
 }
 
 #[test]
 fn law_the_order_of_triangles_does_not_show() {
-    look_like_the_room("order", &[("permuted".into(), permuted(room()))], resampling);
+    look_like_the_room(("order", Indirect::Path), &[("permuted".into(), permuted(room()))], resampling);
 }
 
 #[test]
 fn law_split_triangles_do_not_show() {
-    look_like_the_room("split", &[("split".into(), split(room()))], resampling);
+    look_like_the_room(("split", Indirect::Octree), &[("split".into(), split(room()))], resampling);
 }
 
 /// Nobody means a thing that is there twice, and everybody has some: what is matt, a mirror or glass looks as if it was there once.
@@ -133,7 +131,7 @@ fn law_things_in_one_place_look_like_one() {
         ("blocks and balls twice".into(), twice(|name| name.contains("block") || name.contains("ball"))),
         ("a floor a tenth of a millimetre over the floor".into(), carpeted(1e-4)),
     ];
-    look_like_the_room("in one place", &scenes, resampling);
+    look_like_the_room(("in one place", Indirect::Irradiance), &scenes, resampling);
 }
 
 /// Two lamps in the very same place are seen as one and light the room as two: looked at, the nearer one hides the other, which by
@@ -171,7 +169,7 @@ fn known_floors_in_one_plane_darken_the_octree() {
 fn law_twice_the_light_is_twice_the_picture() {
     let mut failures = Vec::new();
     for (at, exponent) in [-30, 1, 30].into_iter().take(at_night(2, 3)).enumerate() {
-        for technique in for_scene(at) {
+        for technique in for_scene(at, Indirect::Octree) {
             let factor = 2f32.powi(exponent);
             let other = Pictures::of(&room().brighter(factor), technique);
             let pairs = original(technique).radiance.iter().flatten().zip(other.radiance.iter().flatten());
@@ -193,7 +191,7 @@ fn law_twice_the_light_is_twice_the_picture() {
 fn law_the_light_of_two_lamps_adds() {
     let mut failures = Vec::new();
     println!("light by light");
-    for technique in techniques() {
+    for technique in for_scene(0, Indirect::Irradiance) {
         let [lamp, point] =
             [LitBy::Lamp, LitBy::Point].map(|by| Pictures::of(&lit_by(room(), by), technique));
         failures.extend(original(technique).differ(&lamp.plus(&point), resampling(technique)));
@@ -225,7 +223,7 @@ fn laws_tell_scenes_apart_that_differ_by_a_little() {
 #[test]
 fn law_white_furnaces_hold_the_geometric_sum() {
     for albedo in [0.9f32, 0.5].into_iter().take(at_night(1, 2)) {
-        holds_the_geometric_sum(albedo, &[("as it is", Similarity::NONE)]);
+        holds_the_geometric_sum((albedo, Indirect::Octree), &[("as it is", Similarity::NONE)]);
     }
 }
 
@@ -240,17 +238,19 @@ fn law_furnaces_that_hardly_lose_light_hold_the_geometric_sum() {
         ("small", Similarity { scale: 1e-4, ..Similarity::NONE }),
         ("large", Similarity { scale: 1e4, ..Similarity::NONE }),
     ];
-    holds_the_geometric_sum(0.98, &places[..at_night(2, 4)]);
+    holds_the_geometric_sum((0.98, Indirect::Irradiance), &places[..at_night(2, 4)]);
 }
 
 /// A closed room whose every surface emits E and reflects ρ holds E / (1 − ρ), in any size and place.
 ///
 /// Looked-up light may be off by what photons lose at edges and by the noise of 24,000 of them, of which each brings more the
 /// whiter the room is: up to fifty times what it carries.
-fn holds_the_geometric_sum(albedo: f32, places: &[(&str, Similarity)]) {
+///
+/// - `on_card`: see [`for_scene`]
+fn holds_the_geometric_sum((albedo, on_card): (f32, Indirect), places: &[(&str, Similarity)]) {
     let mut failures = Vec::new();
     for (at, (what, place)) in places.iter().enumerate() {
-        for technique in for_scene(at) {
+        for technique in for_scene(at, on_card) {
             let pictures = Pictures::of(&placed(furnace(albedo, 0.25), *place), technique);
             let (found, expected) = (pictures.mean(), 0.25 / (1.0 - f64::from(albedo)));
             let off = found.mean() / expected - 1.0;
@@ -272,7 +272,7 @@ fn holds_the_geometric_sum(albedo: f32, places: &[(&str, Similarity)]) {
 fn law_lamp_and_sensor_may_change_places() {
     let effort = Effort { passes: 64, photons: 60_000, ..EFFORT };
     let mut failures = Vec::new();
-    for technique in techniques() {
+    for technique in for_scene(0, Indirect::Path) {
         let flux = |is_swapped: bool| {
             let (draft, area_m2) = exchange(is_swapped);
             let scene = draft.build().expect("a scene");

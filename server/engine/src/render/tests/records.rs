@@ -178,7 +178,7 @@ fn records_are_of_the_light_of_now() {
         learner.look(0, &world.scene().camera_view(None).unwrap(), size);
         let never = AtomicBool::new(false);
         let mut kept_count = 0;
-        for number in 0..30 {
+        for number in 0..24 {
             let (scene, change) = random_edit(world.scene(), &mut dice, number);
             let next = world.update(Arc::new(scene), &change);
             learner.apply(&Edit { before: &world, after: &next, change: &change });
@@ -204,7 +204,7 @@ fn records_are_of_the_light_of_now() {
             }
             assert_eq!(uncovered(caching.cache(), &world, size), 0, "{learning:?}, edit {number}");
         }
-        assert!(kept_count > 4, "{learning:?}: {kept_count} edits left records");
+        assert!(kept_count > 3, "{learning:?}: {kept_count} edits left records");
     }
 }
 

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     effects::{EffectChoice, EffectChoices, EffectKind},
     gpu::{AdapterChoice, GpuOptions, tests::open_with},
-    render::{Indirect, RenderSettings, Rendering},
+    render::{IlluminationSettings, Indirect, RenderSettings, Rendering},
     scene::samples,
     technique::caustics::{CausticLight, CausticSettings, CausticSketch},
 };
@@ -370,8 +370,11 @@ fn caustics_by_photons_are_not_lost_on_a_card() {
     *without_indirect.choice_mut(EffectKind::Indirect).unwrap() = EffectChoice::Off;
     for effects in [EffectChoices::default(), without_indirect] {
         let settings = RenderSettings { indirect: Indirect::Octree, effects, ..RenderSettings::default() };
+        let mut light = IlluminationSettings::of(&settings);
+        (light.photons.emitted_count, light.octree.photon_count, light.octree.depth) = (20_000, 20_000, 4);
         let [by_cpu, on_card] = [None, Some(&scene)].map(|scene| {
-            let mut rendering = Rendering::new(Arc::clone(&shot.world), shot.camera, shot.size, settings);
+            let world = (Arc::clone(&shot.world), light);
+            let mut rendering = Rendering::learning_by(world, shot.camera, shot.size, settings);
             if let Some(scene) = scene {
                 rendering.draw_on(Arc::clone(scene));
             }
