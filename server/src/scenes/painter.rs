@@ -126,10 +126,11 @@ impl Painter {
                 })
                 .collect();
             let is_moving = tasks.iter().any(|(_, _, task)| *task == Task::Start);
-            let has_learnt = self.learn(is_moving);
+            // Whoever moves sees first what he moved to: what is learnt before that is late for him, and after it for the next picture.
             let start = Instant::now();
             let has_drawn = self.work_one_round(&tasks, &snapshot);
             self.drawn_seconds = start.elapsed().as_secs_f64();
+            let has_learnt = self.learn(is_moving);
             if !has_drawn && !has_learnt {
                 let later = tasks.iter().filter_map(|(_, _, task)| match task {
                     Task::Later(at) => Some(*at),

@@ -9,10 +9,12 @@ use lumicast_engine::film::{Outdated, PictureSize};
 use lumicast_engine::render::ToLearn;
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// While things move: as long as drawing took, at most as long as a pass may then, and at least so long, as steps are.
 const LEARNING_MOVING_LEAST: f64 = 0.01;
+/// … of which so large a share is not cut short by what comes meanwhile.
+const LEARNING_SURE: f64 = 0.5;
 /// Slice of learning about the light between two slices of drawing, at least and at most …
 const LEARNING_LEAST: f64 = 0.04;
 const LEARNING_SECONDS: f64 = 0.2;
@@ -96,8 +98,11 @@ impl Painter {
         } else {
             (ratio * self.drawn_seconds).clamp(LEARNING_LEAST, LEARNING_SECONDS)
         };
+        // Where news never ends it has come by now, and nothing would be learnt.
+        let least =
+            Instant::now() + Duration::from_secs_f64(if is_moving { LEARNING_SURE * slice } else { 0.0 });
         let scene = &self.scene;
-        let is_news = || lock(&scene.board).urgent;
+        let is_news = || Instant::now() >= least && lock(&scene.board).urgent;
         self.lighting.learn(Duration::from_secs_f64(slice), &scene.workshop, is_news)
     }
 
