@@ -97,20 +97,15 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     let rooms =
         std::env::var("LUMICAST_ROOMS").ok().map(|rooms| rooms.parse().expect("LUMICAST_ROOMS: a number"));
     let mut failures = Vec::new();
-    let mut with_caustics = 0u64;
-    let rooms = rooms.unwrap_or(if is_nightly { 200 } else { 8u64 });
-    for seed in 0..rooms {
+    let mut with_caustics = 0;
+    for seed in 0..rooms.unwrap_or(if is_nightly { 200 } else { 8u64 }) {
         let world = Arc::new(World::prepare(Arc::new(room(seed))));
         let compared = compare_layers(&format!("room {seed}"), &world, Indirect::Irradiance, PASSES);
-        with_caustics += u64::from(compared.caustic_share > 0.02);
+        with_caustics += u32::from(compared.caustic_share > 0.02);
         failures.extend(compared.failures);
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    // One of up to four rooms, else two.
-    assert!(
-        with_caustics >= rooms.div_ceil(4).clamp(1, 2),
-        "{with_caustics} rooms have caustics worth the name"
-    );
+    assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
 }
 
 /// The same of the shared scenes, which take two minutes together: `LUMICAST_NIGHTLY=1` takes them all, `LUMICAST_SCENE` one.
