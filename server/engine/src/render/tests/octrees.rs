@@ -95,6 +95,53 @@ fn what_lies_hidden_behind_a_wall_takes_none_of_its_light() {
     }
 }
 
+/// A sealed room in a shell that shines stays dark, wherever cells begin: what faces as its walls do lies beyond them in the same cells, but the
+/// walls' own outsides stand between. By one group for both its walls had half to all of the shell's light, which records gathered.
+#[test]
+fn a_sealed_room_gets_no_light_of_the_shell_around_it() {
+    let mut dark_count = 0;
+    for tenths in 0..8 {
+        let mut stage = Building::default();
+        let emitting = Material { emission: Rgb::splat(0.25), ..Material::lambert(Rgb::splat(0.6)) };
+        let shell = stage.material("shell", emitting).unwrap();
+        let wall = stage.material("wall", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let (inner, outer, around) = (DVec3::ONE, DVec3::splat(1.05), DVec3::splat(1.1));
+        // From high corners to low ones: they face inside.
+        stage.place("inside", samples::cuboid(inner, -inner, &wall), DAffine3::IDENTITY).unwrap();
+        stage.place("outside", samples::cuboid(-outer, outer, &wall), DAffine3::IDENTITY).unwrap();
+        stage.place("shell", samples::cuboid(around, -around, &shell), DAffine3::IDENTITY).unwrap();
+        // The farther it is the larger is the cube.
+        let beside = around + 0.1 * f64::from(tenths);
+        stage.place("beside", samples::cuboid(beside, beside + 0.1, &wall), DAffine3::IDENTITY).unwrap();
+        let world = world_of(stage.finish());
+        let mut coarse = settings(40_000, 2);
+        coarse.octree.depth_first = 2;
+        let light = Caches::complete(coarse, &world);
+        let octree = light.octree.octree().unwrap();
+        let mut sums = [0.0; 2];
+        for place in 0..17 * 17i16 {
+            let [u, v] = [place % 17, place / 17].map(|step| f32::from(step - 8) * 0.12);
+            for (axis, side) in [(0, 1.0), (1, 1.0), (2, 1.0), (0, -1.0), (1, -1.0), (2, -1.0)] {
+                let mut n = Vec3::ZERO;
+                n[axis] = -side;
+                let at = |m: f32| {
+                    let mut p = [u, v, u];
+                    (p[axis], p[(axis + 1) % 3]) = (side * m, v);
+                    octree.irradiance(Vec3::from(p), n)[0].mean()
+                };
+                sums[0] += at(1.0);
+                sums[1] += at(1.1);
+            }
+        }
+        // What the shell gets of its own light.
+        assert!(sums[1] > 100.0, "{tenths}: {sums:?}");
+        // Where cells begin between the two, at the edges of the shell, a look-up meets cells in which nothing of the room is.
+        assert!(sums[0] < 0.1 * sums[1], "{tenths}: {sums:?}");
+        dark_count += u32::from(sums[0] < 1e-3 * sums[1]);
+    }
+    assert!(dark_count >= 5, "{dark_count} of 8 are dark");
+}
+
 /// A room behind a window, on ground fifteen times as wide, is lit as by paths: most photons of sun and sky are aimed at it, and cells are
 /// small there. 9 to 13 % off; 18 were they not.
 #[test]

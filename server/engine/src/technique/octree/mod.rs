@@ -26,6 +26,7 @@ mod lights;
 mod look_up;
 mod pack;
 mod parting;
+mod pieces;
 mod tree;
 mod upload;
 mod voxels;

@@ -1,6 +1,6 @@
 //! Which cells of the cube hold which surfaces: the geometry of the octree, without light.
 //!
-//! Every triangle is cut by the cells; what lies in one cell is grouped by where it faces and by the plane it lies in, for
+//! What the cells cut off the triangles (`pieces.rs`) is grouped, in each cell, by where it faces and by the plane it lies in, for
 //! each side of the surface by itself: surfaces that face apart, or lie one above the other, get different light.
 
 use std::{
@@ -12,22 +12,27 @@ use std::{
 use glam::{IVec3, UVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{OctreeSettings, cube::Cube};
+use super::{
+    OctreeSettings,
+    cube::Cube,
+    pieces::{InstancePieces, Piece, axis_of, pieces_of},
+};
 use crate::{
     accel::{Accel, Instance},
-    technique::{SideId, Surfaces, clip_to_box},
+    technique::{SideId, Surfaces},
 };
 
-/// Triangles that are cut as one piece of work.
-const CHUNK: usize = 2048;
 /// Instances that changed at once, of which each is looked at by itself.
 const MOVED_MAX: usize = 64;
 /// Groups of a cell at most: two sheets for each direction of space.
 const SETS_MAX: usize = 12;
 /// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
 const SHEET_JOINS_CELLS: f32 = 0.25;
-/// Layers that a cell is cut into for telling sheets apart.
-const LAYERS: f32 = 4.0;
+/// Of two sheets that one group could hold, one lies beyond a body if the far face of that, of so large a share of the larger's area, lies
+/// between them …
+const BETWEEN_SHARE: f32 = 0.4;
+/// … and so far from both, in sides of a cell.
+const BETWEEN_CELLS: f32 = 1e-3;
 /// A cell holds one plane where the mean of its normals is so long …
 const FLAT_COS: f32 = 0.99;
 /// … and its groups lie no farther from each other, in sides of a cell.
@@ -81,29 +86,6 @@ impl Expected {
         let even = self.gathered_count as f64 * area_m2 / f64::from(self.photon_count.max(1));
         ((4.0 * even.log2()).round() / 4.0).exp2()
     }
-}
-
-/// What one surface of an instance has in one cell, facing about one way.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Piece {
-    code: u32,
-    /// Number within the instance.
-    surface: u32,
-    /// Which of the six axes it faces most.
-    axis: u8,
-    /// In which layer of the cell along that axis its triangles' parts have their middles.
-    layer: u8,
-    area_m2: f32,
-    /// Sums by area.
-    centre: Vec3,
-    normal: Vec3,
-}
-
-/// The pieces of an instance, which stay as long as it is not touched.
-#[derive(Debug)]
-struct InstancePieces {
-    instance: Arc<Instance>,
-    pieces: Vec<Piece>,
 }
 
 /// Surfaces of a cell that face about one way.
@@ -283,6 +265,8 @@ impl Voxels {
             let area = |index: usize| cell[index].2.area_m2;
             area(b.0).total_cmp(&area(a.0)).then(a.0.cmp(&b.0)).then(b.1.cmp(&a.1))
         });
+        let largest_first: Vec<&Piece> =
+            order.iter().filter(|(_, is_front)| *is_front).map(|(index, _)| &cell[*index].2).collect();
         let at = cell_of(cell[0].0);
         let size_m = self.cube.size_of(at);
         let mut groups: Vec<Group> = Vec::new();
@@ -295,7 +279,10 @@ impl Voxels {
                 let cos = n.dot(normal) / normal.length();
                 let apart = n.dot(piece.centre / piece.area_m2 - group.centre / group.area_m2).abs();
                 let across_m = across_m(size_m, group.normal);
-                let joins = cos >= JOINS_COS && apart <= SHEET_JOINS_CELLS * across_m;
+                let joins = cos >= JOINS_COS
+                    && apart <= SHEET_JOINS_CELLS * across_m
+                    && !(is_front
+                        && has_body_between(&largest_first, piece, group, BETWEEN_CELLS * across_m));
                 (joins, cos - apart / across_m)
             };
             let best = groups.iter().enumerate().map(|(place, group)| (place, likeness(group))).max_by(
@@ -395,6 +382,22 @@ impl Group {
     }
 }
 
+/// Between a face and a group that it faces like lies the far face of a body, which keeps the light of the one from the other: so far
+/// from both, m, and of a large enough area. Backs of faces need no such test, they lie within bodies and get no light.
+///
+/// - `largest_first`: what the cell cuts off, of which few are large enough where there are many
+fn has_body_between(largest_first: &[&Piece], piece: &Piece, group: &Group, least_m: f32) -> bool {
+    let n = group.normal.normalize_or_zero();
+    let off_m = |centre: Vec3, area_m2: f32| n.dot(centre) / area_m2;
+    let [a, b] = [off_m(piece.centre, piece.area_m2), off_m(group.centre, group.area_m2)];
+    let between_m = a.min(b) + least_m..a.max(b) - least_m;
+    let area_min_m2 = BETWEEN_SHARE * piece.area_m2.max(group.area_m2);
+    largest_first.iter().take_while(|face| face.area_m2 >= area_min_m2).any(|face| {
+        n.dot(face.normal) <= -JOINS_COS * face.area_m2
+            && between_m.contains(&off_m(face.centre, face.area_m2))
+    })
+}
+
 /// All groups of a cell are the two sides of one flat sheet.
 fn is_one_plane(groups: &[Group], size_m: Vec3) -> bool {
     let Some(first) = groups.first() else { return true };
@@ -406,153 +409,7 @@ fn is_one_plane(groups: &[Group], size_m: Vec3) -> bool {
     })
 }
 
-/// Cuts the triangles of an instance by the cells.
-fn pieces_of(instance: &Arc<Instance>, index: u32, surfaces: &Surfaces, cube: &Cube) -> InstancePieces {
-    let count = instance.mesh().triangles().len();
-    let of_chunk = |first: usize| {
-        let mut cut = Cut { cube, pieces: Vec::new() };
-        for triangle in first..(first + CHUNK).min(count) {
-            let corners = instance.mesh().triangles()[triangle].map(|v| instance.vertex_in_render(v));
-            let [a, b, c] = corners;
-            let n = ((b - a).cross(c - a) * instance.handedness()).normalize_or_zero();
-            if n != Vec3::ZERO {
-                let surface = surfaces.surface_in_instance(index, triangle as u32);
-                let (cell, level) = cube.around_all(corners);
-                cut.cut(&Face { corners, n, surface }, cell, level);
-            }
-        }
-        cut.pieces
-    };
-    let mut pieces: Vec<Piece> =
-        (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(|chunk| of_chunk(chunk * CHUNK)).collect();
-    // By name, then as they came: sums are added up in the order of triangles.
-    pieces.sort_by_key(|piece| (piece.code, piece.surface, piece.axis, piece.layer));
-    pieces.dedup_by(|next, kept| {
-        let name = |piece: &Piece| (piece.code, piece.surface, piece.axis, piece.layer);
-        let same = name(next) == name(kept);
-        if same {
-            kept.area_m2 += next.area_m2;
-            kept.centre += next.centre;
-            kept.normal += next.normal;
-        }
-        same
-    });
-    InstancePieces { instance: instance.clone(), pieces }
-}
-
-struct Face {
-    corners: [Vec3; 3],
-    n: Vec3,
-    surface: u32,
-}
-
-struct Cut<'a> {
-    cube: &'a Cube,
-    pieces: Vec<Piece>,
-}
-
-impl Cut<'_> {
-    /// Follows the face down to the leaves.
-    fn cut(&mut self, face: &Face, cell: UVec3, level: u32) {
-        let [low, high] = self.cube.corners(cell, level);
-        if !may_meet(face, low, high) {
-            return;
-        }
-        if level < self.cube.depth {
-            for child in 0..8u32 {
-                let offset = UVec3::new(child & 1, child >> 1 & 1, child >> 2);
-                self.cut(face, cell * 2 + offset, level + 1);
-            }
-            return;
-        }
-        let Some(patch) = clip_to_box(face.corners, low, high) else { return };
-        if patch.area_m2 > 0.0 {
-            let axis = axis_of(face.n);
-            let along = usize::from(axis / 2);
-            let layer = (patch.centroid[along] - low[along]) / self.cube.size_of(cell)[along] * LAYERS;
-            self.pieces.push(Piece {
-                code: morton(cell),
-                surface: face.surface,
-                axis,
-                layer: layer.clamp(0.0, LAYERS - 1.0) as u8,
-                area_m2: patch.area_m2,
-                centre: patch.centroid * patch.area_m2,
-                normal: face.n * patch.area_m2,
-            });
-        }
-    }
-}
-
-/// False when the face surely misses the box: by its bounds or by its plane.
-fn may_meet(face: &Face, low: Vec3, high: Vec3) -> bool {
-    let [a, b, c] = face.corners;
-    let slack = Cube::slack(low, high - low);
-    let (low, high) = (low - slack, high + slack);
-    let apart = a.min(b).min(c).cmpgt(high) | a.max(b).max(c).cmplt(low);
-    let middle = (low + high) * 0.5;
-    let reach = face.n.abs().dot((high - low) * 0.5);
-    !apart.any() && (face.n.dot(middle - a)).abs() <= reach
-}
-
 /// Side of a cell along the axis that `n` faces most.
 pub(super) fn across_m(size_m: Vec3, n: Vec3) -> f32 {
     size_m[usize::from(axis_of(n) / 2)]
-}
-
-fn axis_of(n: Vec3) -> u8 {
-    let size = n.abs();
-    let axis = if size.x >= size.y && size.x >= size.z {
-        0
-    } else if size.y >= size.z {
-        1
-    } else {
-        2
-    };
-    2 * axis + u8::from(n[usize::from(axis)] < 0.0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::cube::tests::cube;
-    use super::*;
-    use crate::math::sobol::point;
-
-    /// Followed down from the smallest cell that holds it a triangle leaves the pieces that it leaves from the top, wherever the cube
-    /// lies, also where corners lie in planes between cells.
-    #[test]
-    fn triangles_leave_the_same_pieces_from_their_own_cell_on() {
-        let (mut small_count, mut nested_count) = (0, 0);
-        for (index, low) in (0..6000u32).zip([0.0, -0.5, 1e3, -3e4, -30.3].into_iter().cycle()) {
-            let cube = cube(Vec3::splat(low), 5, index / 5);
-            let [x, y, z, size] = point(1, index);
-            // Onto corners of cells.
-            let snap = |p: Vec3| match index % 3 {
-                0 => {
-                    let [x, y, z] = cube.place_of(p).round().as_uvec3().to_array().map(|cell| cell.min(31));
-                    let plane = |cell: u32| cube.corners(UVec3::splat(cell), cube.depth)[0];
-                    Vec3::new(plane(x).x, plane(y).y, plane(z).z)
-                }
-                _ => p,
-            };
-            let middle = Vec3::new(x, y, z);
-            let corners = [2u64, 3, 4].map(|key| {
-                let [x, y, z, _] = point(key, index);
-                let from_middle = (Vec3::new(x, y, z) - 0.5) * size.powi(4);
-                snap(cube.low + (middle + from_middle).clamp(Vec3::ZERO, Vec3::splat(0.95)))
-            });
-            let [a, b, c] = corners;
-            let n = (b - a).cross(c - a).normalize_or_zero();
-            let face = Face { corners, n, surface: 0 };
-            let pieces_from = |cell: UVec3, level: u32| {
-                let mut cut = Cut { cube: &cube, pieces: Vec::new() };
-                cut.cut(&face, cell, level);
-                cut.pieces
-            };
-            let (cell, level) = cube.around_all(corners);
-            small_count += u32::from(level == cube.depth);
-            nested_count += u32::from(cube.nested.is_some() && low < -1.0 && level == cube.depth);
-            assert_eq!(pieces_from(cell, level), pieces_from(UVec3::ZERO, 0), "{index}: {corners:?}");
-        }
-        assert!(small_count > 400 && nested_count > 30, "{small_count} {nested_count}");
-    }
 }
