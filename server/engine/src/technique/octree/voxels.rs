@@ -383,7 +383,7 @@ impl Group {
 }
 
 /// Between a face and a group that it faces like lies the far face of a body, which keeps the light of the one from the other: so far
-/// from both, m, and of a large enough area. Backs of faces need no such test, they lie within bodies and get no light.
+/// from both, m, and of a large enough area. Backs of faces have no such test: most lie within bodies and get no light.
 ///
 /// - `largest_first`: what the cell cuts off, of which few are large enough where there are many
 fn has_body_between(largest_first: &[&Piece], piece: &Piece, group: &Group, least_m: f32) -> bool {
