@@ -29,9 +29,10 @@ const SETS_MAX: usize = 12;
 /// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
 const SHEET_JOINS_CELLS: f32 = 0.25;
 /// Of two sheets that one group could hold, one lies beyond a body if the far face of that, of so large a share of the larger's area, lies
-/// between them …
+/// between them (less than half, since a group may hold the back of a wall's far face beside its near one; with half a room in a shell kept a
+/// twentieth of what leaked) …
 const BETWEEN_SHARE: f32 = 0.4;
-/// … and so far from both, in sides of a cell.
+/// … and so far from both, in sides of a cell: what touches either is not between.
 const BETWEEN_CELLS: f32 = 1e-3;
 /// A cell holds one plane where the mean of its normals is so long …
 const FLAT_COS: f32 = 0.99;
