@@ -103,6 +103,8 @@ pub struct Illumination {
     begun: RoundSeconds,
     /// The newest octree.
     newest: OctreeMade,
+    /// The one before.
+    newest_but_one: OctreeMade,
     /// Photons that it was made of.
     known_photons: u64,
     /// Seconds that it may still take, and that the smallest of further rounds may.
@@ -149,6 +151,7 @@ impl Illumination {
             expected: None,
             begun: RoundSeconds::default(),
             newest: OctreeMade::default(),
+            newest_but_one: OctreeMade::default(),
             known_photons: 0,
             allowed_seconds: None,
             is_between: false,
@@ -212,7 +215,8 @@ impl Illumination {
             if octree.counts().kept == 0 {
                 let (seconds, cells) = (ready - self.newest.ready, octree.leaf_count() as f64);
                 let neighbours = octree.neighbours_min() as f64;
-                self.newest = OctreeMade { seconds, cells, neighbours, ready };
+                let newest = OctreeMade { seconds, cells, neighbours, ready };
+                self.newest_but_one = std::mem::replace(&mut self.newest, newest);
             }
             self.newest.ready = ready;
             self.known_photons = self.photons.paths().path_count();

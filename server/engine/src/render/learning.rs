@@ -60,6 +60,8 @@ pub(super) struct RoundUnderWay {
     pub(super) name: RoundName,
     /// Until it makes a better octree.
     pub(super) seconds_left: f64,
+    /// That is told by the cells of the octree that it makes, not by the round before.
+    pub(super) is_told: bool,
     /// Another follows.
     pub(super) is_followed: bool,
 }
@@ -67,12 +69,15 @@ pub(super) struct RoundUnderWay {
 impl RoundUnderWay {
     /// How it is to go on.
     ///
+    /// - `hurries`: it once had to go first, and does so to its end, unless its octree tells that this comes too late
     /// - `seconds`: there are for learning, for this picture and for whoever learns with it longest
     /// - `share`: of work on learning for each on drawing
     /// - `pass_seconds`: of a pass
-    fn pace(self, [seconds, longest]: [f64; 2], share: f64, pass_seconds: f64) -> Pace {
+    fn pace(self, hurries: bool, [seconds, longest]: [f64; 2], share: f64, pass_seconds: f64) -> Pace {
         let left = self.seconds_left;
-        if left > seconds.max(longest) {
+        if hurries && !(self.is_told && left > seconds) {
+            Pace::Now
+        } else if left > seconds.max(longest) {
             Pace::Never
         } else if left > seconds {
             Pace::ByOthers
@@ -136,7 +141,7 @@ impl Rendering {
     }
 
     /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
-    /// once had to go first does so to its end, however long that takes.
+    /// once had to go first does so to its end, unless its octree tells that this comes too late.
     fn pace(&mut self) -> Pace {
         let (Some(own), Some(longest), Some(learner)) =
             (self.learns_until(), self.all_learn_until(), &self.learner)
@@ -148,13 +153,11 @@ impl Rendering {
             return Pace::Now;
         }
         let Some(round) = learner.round() else { return Pace::Shared };
-        if self.course.hurries == Some(round.name) {
-            return Pace::Now;
-        }
         let now = Instant::now();
         let seconds = [own, longest]
             .map(|moment| learner.time_share() * moment.saturating_duration_since(now).as_secs_f64());
-        let pace = round.pace(seconds, self.learning_share(), self.pass_seconds);
+        let hurries = self.course.hurries == Some(round.name);
+        let pace = round.pace(hurries, seconds, self.learning_share(), self.pass_seconds);
         if pace == Pace::Now {
             self.course.hurries = Some(round.name);
         }
@@ -276,12 +279,32 @@ mod tests {
     /// What does not end in the time of one, and does in that of another who learns with it, goes on for that one.
     #[test]
     fn rounds_end_for_who_has_time() {
-        let round = RoundUnderWay { name: RoundName::default(), seconds_left: 2.0, is_followed: false };
-        let pace = |seconds: [f64; 2]| round.pace(seconds, 1.0, 0.1);
+        let round = RoundUnderWay {
+            name: RoundName::default(),
+            seconds_left: 2.0,
+            is_told: false,
+            is_followed: false,
+        };
+        let pace = |seconds: [f64; 2]| round.pace(false, seconds, 1.0, 0.1);
         assert_eq!(pace([1.0, 3.0]), Pace::ByOthers);
         assert_eq!(pace([1.0, 1.0]), Pace::Never);
         assert_eq!(pace([3.0, 1.0]), pace([3.0, 3.0]));
         assert_eq!(pace([30.0, 1.0]), Pace::Shared);
+    }
+
+    /// A round that goes first ends, however wrong it was foreseen, unless its octree tells that this comes too late: then what is left of the
+    /// time is for drawing what is known, or the round goes on for others.
+    #[test]
+    fn rounds_that_come_too_late_are_given_up() {
+        let pace = |is_told, seconds_left, seconds| {
+            let round =
+                RoundUnderWay { name: RoundName::default(), seconds_left, is_told, is_followed: false };
+            round.pace(true, seconds, 1.0, 0.1)
+        };
+        assert_eq!(pace(false, 2.0, [1.0, 1.0]), Pace::Now);
+        assert_eq!(pace(true, 0.9, [1.0, 1.0]), Pace::Now);
+        assert_eq!(pace(true, 2.0, [1.0, 1.0]), Pace::Never);
+        assert_eq!(pace(true, 2.0, [1.0, 3.0]), Pace::ByOthers);
     }
 
     /// A round whose length is known, beside passes of a length, ends by the end of the time wherever that is possible at all.
@@ -294,13 +317,13 @@ mod tests {
                     let (mut now, mut done, mut lead, mut hurries) = (0.0, 0.0, 0.0, false);
                     while now < time && done < round {
                         let name = RoundName::default();
-                        let under_way =
-                            RoundUnderWay { name, seconds_left: round - done, is_followed: false };
-                        let pace = if hurries {
-                            Pace::Now
-                        } else {
-                            under_way.pace([time - now; 2], share, pass_seconds)
+                        let under_way = RoundUnderWay {
+                            name,
+                            seconds_left: round - done,
+                            is_told: false,
+                            is_followed: false,
                         };
+                        let pace = under_way.pace(hurries, [time - now; 2], share, pass_seconds);
                         hurries = pace == Pace::Now;
                         match pace {
                             Pace::Never | Pace::ByOthers => break,

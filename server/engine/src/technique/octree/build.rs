@@ -95,6 +95,15 @@ pub struct BuildCounts {
     pub cluster_seconds: f64,
 }
 
+/// How far the octree has got that is being made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct OctreeUnderWay {
+    /// Of its cells that are built.
+    pub(crate) share: f64,
+    /// What went before the first of them: cutting up the geometry.
+    pub(crate) voxel_seconds: f64,
+}
+
 /// The octree before an edit, and where its light is out of date.
 #[derive(Debug)]
 struct Reused {
@@ -205,6 +214,12 @@ impl Building {
     /// It is built of these photons.
     pub(super) fn is_of(&self, photons: &PhotonProduct) -> bool {
         self.photons.generation == photons.generation
+    }
+
+    /// How far it has got.
+    pub(super) fn under_way(&self) -> OctreeUnderWay {
+        let share = self.next_cell as f64 / (self.voxels.codes.len() as f64).max(1.0);
+        OctreeUnderWay { share, voxel_seconds: self.counts.voxel_seconds }
     }
 
     /// Builds some more cells; true when all are built.

@@ -38,6 +38,7 @@ use std::{
 
 use glam::Vec4;
 
+pub(crate) use self::build::OctreeUnderWay;
 pub use self::{build::BuildCounts, cluster::Vdl, harmonics::Harmonics, pack::PackedVdl};
 #[cfg(feature = "gpu")]
 pub use self::{
@@ -339,6 +340,11 @@ impl OctreeBuilding {
     /// The newest octree.
     pub fn octree(&self) -> Option<&Arc<LightOctree>> {
         self.octree.as_ref()
+    }
+
+    /// The next one, if it is begun.
+    pub(crate) fn under_way(&self) -> Option<OctreeUnderWay> {
+        self.building.as_ref().map(Building::under_way)
     }
 
     /// True when the newest octree is of these photons and as deep as it gets.
