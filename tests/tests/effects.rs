@@ -195,7 +195,7 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     for effects in [EffectChoices::default(), without] {
         let of = |indirect| RenderSettings { indirect, effects, seed: 7, ..RenderSettings::default() };
         let looked_up = mean(&picture(&world, SIDE, of(Indirect::Irradiance), 64).picture().radiance());
-        let chain = picture(&world, SIDE, of(Indirect::Auto), 1500);
+        let chain = picture(&world, SIDE, of(Indirect::Auto), 800);
         let of_chain = chain.picture();
         let found = mean(&of_chain.radiance());
         assert!((found / looked_up - 1.0).abs() < 0.03, "{effects:?}: {found} for {looked_up}");
