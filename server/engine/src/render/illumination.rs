@@ -288,6 +288,10 @@ impl Illumination {
         self.expected = (round > 0).then(|| self.expected_of_next(photon_divisor));
         self.begun =
             RoundSeconds { photons: self.report.photon_seconds, octrees: self.report.octree_seconds };
+        if round == 0 {
+            // Octrees of before the rounds began again say nothing of what theirs take.
+            self.newest = OctreeMade::default();
+        }
         self.newest.ready = self.begun.octrees;
         let is_second = round == 1 && self.round == 0;
         (self.round, self.photon_divisor) = (round, photon_divisor);
@@ -338,6 +342,8 @@ impl Illumination {
     pub fn apply(&mut self, edit: &Edit<'_>) -> bool {
         self.photons.apply(edit);
         self.octree.apply(edit);
+        // What was made of an octree up to now is not of the one that will be.
+        self.newest.ready = self.report.octree_seconds;
         // What follows is decided by the scene as it is now.
         (self.is_between, self.is_cut) = (false, false);
         if edit.before.accel().origin_in_world() != edit.after.accel().origin_in_world() {

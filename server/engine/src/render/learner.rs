@@ -224,8 +224,12 @@ impl Learner {
     pub(super) fn round(&self) -> Option<RoundUnderWay> {
         let illumination = self.illumination.as_ref()?;
         let seconds_left = illumination.seconds_left_of_round()?;
-        let (is_told, is_followed) = (illumination.is_told_by_octree(), illumination.is_before_last_round());
-        Some(RoundUnderWay { name: illumination.round_name(), seconds_left, is_told, is_followed })
+        let is_followed = illumination.is_before_last_round();
+        // Records are gathered from octrees long before the time is over, and are worth little without.
+        let is_shown = self.learnt == Learnt::Octree;
+        let seconds_left_of_octree = is_shown.then(|| illumination.seconds_left_of_octree()).flatten();
+        let name = illumination.round_name();
+        Some(RoundUnderWay { name, seconds_left, seconds_left_of_octree, is_followed })
     }
 
     /// A round of photons is over, and the next not begun.

@@ -60,8 +60,8 @@ pub(super) struct RoundUnderWay {
     pub(super) name: RoundName,
     /// Until it makes a better octree.
     pub(super) seconds_left: f64,
-    /// That is told by the cells of the octree that it makes, not by the round before.
-    pub(super) is_told: bool,
+    /// Of the octree that it makes, once the cells of that tell, where it is looked at.
+    pub(super) seconds_left_of_octree: Option<f64>,
     /// Another follows.
     pub(super) is_followed: bool,
 }
@@ -69,15 +69,12 @@ pub(super) struct RoundUnderWay {
 impl RoundUnderWay {
     /// How it is to go on.
     ///
-    /// - `hurries`: it once had to go first, and does so to its end, unless its octree tells that this comes too late
     /// - `seconds`: there are for learning, for this picture and for whoever learns with it longest
     /// - `share`: of work on learning for each on drawing
     /// - `pass_seconds`: of a pass
-    fn pace(self, hurries: bool, [seconds, longest]: [f64; 2], share: f64, pass_seconds: f64) -> Pace {
+    fn pace(self, [seconds, longest]: [f64; 2], share: f64, pass_seconds: f64) -> Pace {
         let left = self.seconds_left;
-        if hurries && !(self.is_told && left > seconds) {
-            Pace::Now
-        } else if left > seconds.max(longest) {
+        if left > seconds.max(longest) {
             Pace::Never
         } else if left > seconds {
             Pace::ByOthers
@@ -87,6 +84,16 @@ impl RoundUnderWay {
             Pace::Now
         } else {
             Pace::Shared
+        }
+    }
+
+    /// The same of one that once had to go first: it does so to its end, however long that takes, unless its octree tells that this comes too
+    /// late.
+    fn pace_of_hurried(self, [seconds, longest]: [f64; 2]) -> Pace {
+        match self.seconds_left_of_octree {
+            Some(left) if left > seconds.max(longest) => Pace::Never,
+            Some(left) if left > seconds => Pace::ByOthers,
+            _ => Pace::Now,
         }
     }
 }
@@ -141,7 +148,7 @@ impl Rendering {
     }
 
     /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
-    /// once had to go first does so to its end, unless its octree tells that this comes too late.
+    /// once had to go first does so to its end, unless that would come too late.
     fn pace(&mut self) -> Pace {
         let (Some(own), Some(longest), Some(learner)) =
             (self.learns_until(), self.all_learn_until(), &self.learner)
@@ -156,8 +163,10 @@ impl Rendering {
         let now = Instant::now();
         let seconds = [own, longest]
             .map(|moment| learner.time_share() * moment.saturating_duration_since(now).as_secs_f64());
-        let hurries = self.course.hurries == Some(round.name);
-        let pace = round.pace(hurries, seconds, self.learning_share(), self.pass_seconds);
+        if self.course.hurries == Some(round.name) {
+            return round.pace_of_hurried(seconds);
+        }
+        let pace = round.pace(seconds, self.learning_share(), self.pass_seconds);
         if pace == Pace::Now {
             self.course.hurries = Some(round.name);
         }
@@ -276,16 +285,17 @@ impl Rendering {
 mod tests {
     use super::*;
 
+    /// The last round, which will still take so long.
+    fn under_way(seconds_left: f64) -> RoundUnderWay {
+        let name = RoundName::default();
+        RoundUnderWay { name, seconds_left, seconds_left_of_octree: None, is_followed: false }
+    }
+
     /// What does not end in the time of one, and does in that of another who learns with it, goes on for that one.
     #[test]
     fn rounds_end_for_who_has_time() {
-        let round = RoundUnderWay {
-            name: RoundName::default(),
-            seconds_left: 2.0,
-            is_told: false,
-            is_followed: false,
-        };
-        let pace = |seconds: [f64; 2]| round.pace(false, seconds, 1.0, 0.1);
+        let round = under_way(2.0);
+        let pace = |seconds: [f64; 2]| round.pace(seconds, 1.0, 0.1);
         assert_eq!(pace([1.0, 3.0]), Pace::ByOthers);
         assert_eq!(pace([1.0, 1.0]), Pace::Never);
         assert_eq!(pace([3.0, 1.0]), pace([3.0, 3.0]));
@@ -296,15 +306,14 @@ mod tests {
     /// time is for drawing what is known, or the round goes on for others.
     #[test]
     fn rounds_that_come_too_late_are_given_up() {
-        let pace = |is_told, seconds_left, seconds| {
-            let round =
-                RoundUnderWay { name: RoundName::default(), seconds_left, is_told, is_followed: false };
-            round.pace(true, seconds, 1.0, 0.1)
+        let pace = |of_octree, seconds| {
+            let round = under_way(2.0);
+            RoundUnderWay { seconds_left_of_octree: of_octree, ..round }.pace_of_hurried(seconds)
         };
-        assert_eq!(pace(false, 2.0, [1.0, 1.0]), Pace::Now);
-        assert_eq!(pace(true, 0.9, [1.0, 1.0]), Pace::Now);
-        assert_eq!(pace(true, 2.0, [1.0, 1.0]), Pace::Never);
-        assert_eq!(pace(true, 2.0, [1.0, 3.0]), Pace::ByOthers);
+        assert_eq!(pace(None, [1.0, 1.0]), Pace::Now);
+        assert_eq!(pace(Some(0.9), [1.0, 1.0]), Pace::Now);
+        assert_eq!(pace(Some(1.1), [1.0, 1.0]), Pace::Never);
+        assert_eq!(pace(Some(1.1), [1.0, 3.0]), Pace::ByOthers);
     }
 
     /// A round whose length is known, beside passes of a length, ends by the end of the time wherever that is possible at all.
@@ -316,14 +325,12 @@ mod tests {
                     let (time, round) = (9.0, 9.0 * f64::from(percent) / 100.0);
                     let (mut now, mut done, mut lead, mut hurries) = (0.0, 0.0, 0.0, false);
                     while now < time && done < round {
-                        let name = RoundName::default();
-                        let under_way = RoundUnderWay {
-                            name,
-                            seconds_left: round - done,
-                            is_told: false,
-                            is_followed: false,
+                        let round = under_way(round - done);
+                        let pace = if hurries {
+                            round.pace_of_hurried([time - now; 2])
+                        } else {
+                            round.pace([time - now; 2], share, pass_seconds)
                         };
-                        let pace = under_way.pace(hurries, [time - now; 2], share, pass_seconds);
                         hurries = pace == Pace::Now;
                         match pace {
                             Pace::Never | Pace::ByOthers => break,

@@ -98,7 +98,9 @@ pub struct BuildCounts {
 /// How far the octree has got that is being made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct OctreeUnderWay {
-    /// Of its cells that are built.
+    /// Its cells.
+    pub(crate) cells: f64,
+    /// Share of them that are built.
     pub(crate) share: f64,
     /// What went before the first of them: cutting up the geometry.
     pub(crate) voxel_seconds: f64,
@@ -218,8 +220,12 @@ impl Building {
 
     /// How far it has got.
     pub(super) fn under_way(&self) -> OctreeUnderWay {
-        let share = self.next_cell as f64 / (self.voxels.codes.len() as f64).max(1.0);
-        OctreeUnderWay { share, voxel_seconds: self.counts.voxel_seconds }
+        let cells = self.voxels.codes.len() as f64;
+        OctreeUnderWay {
+            cells,
+            share: self.next_cell as f64 / cells.max(1.0),
+            voxel_seconds: self.counts.voxel_seconds,
+        }
     }
 
     /// Builds some more cells; true when all are built.

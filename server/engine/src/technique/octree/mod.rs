@@ -342,9 +342,14 @@ impl OctreeBuilding {
         self.octree.as_ref()
     }
 
-    /// The next one, if it is begun.
-    pub(crate) fn under_way(&self) -> Option<OctreeUnderWay> {
-        self.building.as_ref().map(Building::under_way)
+    /// Photons of its gathers, at least; see [`OctreeSettings::neighbours_min`].
+    pub(crate) fn neighbours_min(&self) -> usize {
+        self.settings.neighbours_min.get()
+    }
+
+    /// The next one, if it is begun of these photons.
+    pub(crate) fn under_way(&self, photons: &PhotonProduct) -> Option<OctreeUnderWay> {
+        self.building.as_ref().filter(|building| building.is_of(photons)).map(Building::under_way)
     }
 
     /// True when the newest octree is of these photons and as deep as it gets.
