@@ -242,11 +242,9 @@ impl Voxels {
             .collect();
         self.area_m2 = all.iter().map(|(_, _, piece)| self.area_in_even_cells_m2(piece)).sum();
         all.par_sort_unstable_by_key(|(code, surface, piece)| (*code, *surface, piece.axis, piece.layer));
-        let cells: Vec<&[(u32, u32, Piece)]> = all.chunk_by(|a, b| a.0 == b.0).collect();
-        let grouped: Vec<Vec<Group>> = cells.par_iter().map(|cell| self.groups_of(cell)).collect();
-        for (cell, groups) in cells.into_iter().zip(grouped) {
+        for cell in all.chunk_by(|a, b| a.0 == b.0) {
             self.codes.push(cell[0].0);
-            self.add_sets(cell_of(cell[0].0), groups);
+            self.add_sets(cell);
             self.first_set.push(self.sets.len() as u32);
         }
     }
@@ -260,8 +258,8 @@ impl Voxels {
         }
     }
 
-    /// The pieces of one cell in groups, largest first.
-    fn groups_of(&self, cell: &[(u32, u32, Piece)]) -> Vec<Group> {
+    /// Groups the pieces of one cell, largest first.
+    fn add_sets(&mut self, cell: &[(u32, u32, Piece)]) {
         let mut order: Vec<(usize, bool)> =
             (0..cell.len()).flat_map(|index| [(index, true), (index, false)]).collect();
         order.sort_by(|a, b| {
@@ -270,7 +268,8 @@ impl Voxels {
         });
         let largest_first: Vec<&Piece> =
             order.iter().filter(|(_, is_front)| *is_front).map(|(index, _)| &cell[*index].2).collect();
-        let size_m = self.cube.size_of(cell_of(cell[0].0));
+        let at = cell_of(cell[0].0);
+        let size_m = self.cube.size_of(at);
         let mut groups: Vec<Group> = Vec::new();
         for (index, is_front) in order {
             let (_, surface, piece) = &cell[index];
@@ -303,19 +302,11 @@ impl Voxels {
                 }
             }
         }
-        for group in &mut groups {
-            group.sides.sort_unstable();
-            group.sides.dedup();
-        }
-        groups
-    }
-
-    /// Adds the groups of one more cell.
-    fn add_sets(&mut self, at: UVec3, groups: Vec<Group>) {
-        let size_m = self.cube.size_of(at);
         let is_alone = is_one_plane(&groups, size_m);
         let scale = self.cube.scale_of(at);
         for mut group in groups {
+            group.sides.sort_unstable();
+            group.sides.dedup();
             let normal = group.normal.normalize_or(Vec3::Z);
             self.sets.push(VoxelSet {
                 normal,
