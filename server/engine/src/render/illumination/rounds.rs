@@ -366,7 +366,7 @@ mod tests {
         }
     }
 
-    /// Cells of the next octree take longer as those of the newest did over the one before, within bounds; an octree that is not larger says
+    /// Cells of the next octree take longer as those of the newest did over the one before, within bounds; one that is not twice as large says
     /// nothing.
     #[test]
     fn octrees_take_longer_as_they_did() {
