@@ -64,6 +64,8 @@ const CELL_IS_LEAF: u32 = 0x80000000u;
 const DRAW_TRIES: u32 = 16u;
 const DRAW_STEPS: vec2f = vec2f(0.7548777, 0.5698403);
 const PER_CHANCE_MAX: f32 = 1e30;
+/// `octree/lights.rs`.
+const ALONG_MIN: f32 = 1e-12;
 
 fn octahedral_fold(square: vec2f) -> vec2f {
     return (1.0 - abs(square.yx)) * vec2f(copysign(1.0, square.x), copysign(1.0, square.y));
@@ -167,21 +169,29 @@ fn set_like(leaf: u32, p: vec3f, n: vec3f, per_sheet_m2: f32) -> LikeSet {
     return best;
 }
 
+/// From where photons of a light come on average that do arrive: never from below the horizon.
+fn arriving_cos(cos_light: f32, soft: f32) -> f32 {
+    return soft / sqrt(max(1.0 - cos_light * cos_light, ALONG_MIN) + soft * soft);
+}
+
 /// What the diffuse lobe sends to the eye of the lights `first..end`.
 fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: u32, reach: f32) -> vec3f {
     var sum = vec3f(0.0);
+    let base = coated_base(surface.bsdf, wo_local);
+    let has_base = has_coated_base(surface.bsdf);
     for (var index = first; index < end; index++) {
         let direction = octahedral_decode(vdls[index].x);
         let scaled = vdl_irradiance(vdls[index].y);
-        let cosine = softened(dot(n_shade, direction), reach);
-        if surface.bsdf.kind == LAMBERT {
-            sum += surface.bsdf.color * scaled * (INVERSE_PI * cosine);
+        let cos_light = dot(n_shade, direction);
+        let cosine = softened(cos_light, reach);
+        if has_base {
+            sum += base.scale * scaled * (cosine * passing(base, arriving_cos(cos_light, cosine)));
             continue;
         }
         if !(cosine > 0.0) {
             continue;
         }
-        // From where the light's photons that do arrive come on average: never below the horizon.
+        // As `arriving_cos` has it.
         let local = frame_to_local(surface.frame, direction);
         let wi = normalize(vec3f(local.xy, copysign(cosine, wo_local.z)));
         sum += eval_bsdf(surface.bsdf, wo_local, wi).diffuse.f_cos * scaled * (cosine / abs(wi.z));

@@ -131,9 +131,30 @@ fn gltf_passing_mean(bsdf: Bsdf) -> f32 {
     return max(1.0 - f0 - max(bsdf.dielectric_f90 - f0, 0.0) / 21.0, 1e-6);
 }
 
+/// `transport/bsdf/base.rs`: f = scale · (1 − rise · (1 − cos θᵢ)⁵) of a diffuse lobe towards one direction.
+struct CoatedBase {
+    scale: vec3f,
+    rise: f32,
+}
+
+fn passing(base: CoatedBase, cosine: f32) -> f32 {
+    return 1.0 - base.rise * schlick_rise(cosine);
+}
+
+fn gltf_coated_base(bsdf: Bsdf, wo: vec3f) -> CoatedBase {
+    let f0 = max_component(bsdf.dielectric_f0);
+    let ahead = 1.0 - f0;
+    if !(ahead > 0.0) {
+        return CoatedBase(vec3f(0.0), 0.0);
+    }
+    let share = gltf_passing(bsdf, abs(wo.z)) * ahead / gltf_passing_mean(bsdf);
+    return CoatedBase(bsdf.color * (share * INVERSE_PI), max(bsdf.dielectric_f90 - f0, 0.0) / ahead);
+}
+
 fn gltf_base(bsdf: Bsdf, wo: vec3f, wi: vec3f, chance: f32) -> LobeValue {
-    let share = gltf_passing(bsdf, wo.z) * gltf_passing(bsdf, wi.z) / gltf_passing_mean(bsdf);
-    return lambert(bsdf.color * share, wi, chance);
+    let base = gltf_coated_base(bsdf, wo);
+    let cosine = abs(wi.z);
+    return LobeValue(base.scale * (passing(base, cosine) * cosine), cosine_hemisphere_pdf(cosine) * chance);
 }
 
 fn gltf_specular_chance(bsdf: Bsdf, wo: vec3f) -> f32 {
@@ -320,6 +341,18 @@ fn diffuse_of_even_light(bsdf: Bsdf, wo: vec3f) -> vec3f {
         return bsdf.color * ((1.0 - reflected) * (1.0 - bsdf.transmission) * INVERSE_PI);
     }
     return vec3f(0.0);
+}
+
+/// The diffuse lobe towards `wo`, where it is a Lambert lobe or one under glTF's coat: see `has_coated_base`.
+fn coated_base(bsdf: Bsdf, wo: vec3f) -> CoatedBase {
+    if HAS_GLTF && bsdf.kind == GLTF {
+        return gltf_coated_base(bsdf, wo);
+    }
+    return CoatedBase(bsdf.color * INVERSE_PI, 0.0);
+}
+
+fn has_coated_base(bsdf: Bsdf) -> bool {
+    return bsdf.kind == LAMBERT || bsdf.kind == GLTF;
 }
 
 fn eval_bsdf(bsdf: Bsdf, wo: vec3f, wi: vec3f) -> BsdfValue {

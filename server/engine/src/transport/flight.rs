@@ -58,7 +58,7 @@ impl Flight {
         // Of a direction and its opposite one is on the side, by the bent normal, to which the lobe scatters.
         let wi = surface.frame.to_local(Frame::around(n_geo).to_world(warp::cosine_hemisphere([u[1], u[2]])));
         let wi = if wi.z * drawn.wi.z < 0.0 { -wi } else { wi };
-        let value = surface.bsdf.eval(wo_local, wi).diffuse;
+        let value = surface.bsdf.eval_diffuse(wo_local, wi);
         let chance = value.pdf_solid_angle / warp::cosine_hemisphere_pdf(wi.z.abs());
         let pdf = chance * warp::cosine_hemisphere_pdf(surface.frame.to_world(wi).dot(n_geo).abs());
         (pdf > 0.0).then(|| BsdfSample {

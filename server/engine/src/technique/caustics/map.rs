@@ -282,11 +282,14 @@ impl<'a> Lit<'a> {
             }
             return;
         }
-        let value = self.surface.bsdf.eval(self.wo_local, self.surface.frame.to_local(wi));
-        self.sum.diffuse += value.diffuse.f_cos * irradiance;
-        if self.is_broad {
-            self.sum.glossy += value.glossy.f_cos * irradiance;
+        let wi_local = self.surface.frame.to_local(wi);
+        if !self.is_broad {
+            self.sum.diffuse += self.surface.bsdf.eval_diffuse(self.wo_local, wi_local).f_cos * irradiance;
+            return;
         }
+        let value = self.surface.bsdf.eval(self.wo_local, wi_local);
+        self.sum.diffuse += value.diffuse.f_cos * irradiance;
+        self.sum.glossy += value.glossy.f_cos * irradiance;
     }
 
     /// What all of them make.

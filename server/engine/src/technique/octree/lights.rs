@@ -4,7 +4,7 @@
 use glam::{Vec3, Vec4};
 
 use super::{PackedVdl, Vdl};
-use crate::math::Rgb;
+use crate::{math::Rgb, transport::CoatedBase};
 
 /// Lights to a block: a register of numbers.
 const LANES: usize = 4;
@@ -149,6 +149,44 @@ impl<'a> Lights<'a> {
     }
 }
 
+impl Lights<'_> {
+    /// Adds what they bring to a base that faces `n`, as often as `weight` says, without what its coat keeps off.
+    #[inline]
+    pub(super) fn add_passing(&self, base: &CoatedBase, n: Vec3, weight: f32, sum: &mut Irradiance) {
+        if base.rise == 0.0 {
+            return self.add_irradiance(n, weight, sum);
+        }
+        for block in self.blocks {
+            let cosines = block.cosines(n);
+            let soft = self.softness.cosines(cosines);
+            let passing = base.passing_of(arriving_cosines(cosines, soft));
+            for (sum, scaled) in sum.0.iter_mut().zip(block.scaled) {
+                *sum += scaled * (soft * passing * weight);
+            }
+        }
+    }
+}
+
+/// From where photons of a light come on average that do arrive: along the surface as their light, over it by the softened cosine, so
+/// never from below the horizon. A light from straight below brings nothing, from anywhere.
+///
+/// - `cos_light`: with the light itself
+/// - `soft`: [`Softness::cos`] of it
+#[inline]
+pub(super) fn arriving_cos(cos_light: f32, soft: f32) -> f32 {
+    soft / ((1.0 - cos_light * cos_light).max(ALONG_MIN) + soft * soft).sqrt()
+}
+
+/// The same of four.
+#[inline]
+fn arriving_cosines(cosines: Vec4, soft: Vec4) -> Vec4 {
+    let along_squared = (Vec4::ONE - cosines * cosines).max(Vec4::splat(ALONG_MIN));
+    soft / (along_squared + soft * soft).sqrt()
+}
+
+/// Keeps lights straight above and below in range.
+const ALONG_MIN: f32 = 1e-12;
+
 /// Irradiance in the making: each channel in four parts.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Irradiance([Vec4; 3]);
@@ -162,7 +200,7 @@ impl Irradiance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::sobol::point;
+    use crate::math::{Frame, sobol::point};
 
     /// The soft cosine is what photons spread around a light send to a surface on average, wherever the surface turns.
     #[test]
@@ -189,6 +227,30 @@ mod tests {
                 assert!((expected - mean).abs() < 0.035, "σ {sigma}, {degrees}°: {expected} for {mean}");
             }
             assert!(softness.cos(0.0) > 0.0 && softness.cos(-1.0) == 0.0);
+        }
+    }
+
+    /// The cosine with which light arrives is that of its light's direction, raised to the softened cosine: also straight above, along
+    /// the surface and below it.
+    #[test]
+    fn light_arrives_from_over_the_surface() {
+        let frame = Frame::around(Vec3::new(0.3, 0.5, -0.8).normalize());
+        let lights = (0..500).map(|index| {
+            let [x, y, z, _] = point(9, index);
+            (Vec3::new(x, y, z) - 0.5).normalize_or(Vec3::Y)
+        });
+        for direction in lights.chain([frame.n, -frame.n, frame.to_world(Vec3::X)]) {
+            for softness in [0.0, 0.3, 1.2].map(Softness::of) {
+                let cos_light = frame.n.dot(direction);
+                let soft = softness.cos(cos_light);
+                let raised = frame.to_local(direction).truncate().extend(soft);
+                let found = arriving_cos(cos_light, soft);
+                assert!((0.0..=1.0).contains(&found), "{direction}: {found}");
+                if soft > 1e-3 {
+                    let expected = raised.normalize().z;
+                    assert!((found - expected).abs() < 1e-4, "{direction}: {found} for {expected}");
+                }
+            }
         }
     }
 
@@ -220,6 +282,15 @@ mod tests {
                 let expected = pushed.iter().fold(Rgb::BLACK, |sum, vdl| sum + vdl.scaled * cos(vdl) * 0.7);
                 let mut irradiance = Irradiance::default();
                 lights.add_irradiance(n, 0.7, &mut irradiance);
+                let off = (irradiance.total() - expected).to_array().map(f32::abs);
+                assert!(off.iter().all(|off| *off <= 1e-5), "{counts:?}: {irradiance:?} for {expected:?}");
+                let base = CoatedBase { scale: Rgb::WHITE, rise: 0.9 };
+                let passing =
+                    |vdl: &ShadedVdl| cos(vdl) * base.passing(arriving_cos(n.dot(vdl.direction), cos(vdl)));
+                let expected =
+                    pushed.iter().fold(Rgb::BLACK, |sum, vdl| sum + vdl.scaled * passing(vdl) * 0.7);
+                let mut irradiance = Irradiance::default();
+                lights.add_passing(&base, n, 0.7, &mut irradiance);
                 let off = (irradiance.total() - expected).to_array().map(f32::abs);
                 assert!(off.iter().all(|off| *off <= 1e-5), "{counts:?}: {irradiance:?} for {expected:?}");
                 let sent: Vec<f32> = lights.brightness(n).collect();

@@ -1,20 +1,18 @@
 //! Look-ups in the light octree: the groups around a point, and what a surface there sends to the eye of their lights;
 //! `shaders/octree/look_up.wgsl` is its twin.
 
-use std::f32::consts::FRAC_1_PI;
-
 use glam::{IVec3, Vec3};
 
 use super::{
     CARD, Harmonics, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
-    lights::{Irradiance, Lights, ShadedVdl, Softness, blocks_of},
+    lights::{Irradiance, Lights, ShadedVdl, Softness, arriving_cos, blocks_of},
     voxels::across_m,
 };
 use crate::{
     math::Rgb,
     technique::{Card, Guide, LIKE_COS, LitFrom, PackedLight, ScatteredLight, SecondaryLight},
-    transport::{Bsdf, Surface},
+    transport::{CoatedBase, Surface},
 };
 
 /// The groups around a point that face like its surface, with their weights, which sum to 1 unless there is none.
@@ -187,14 +185,11 @@ impl SecondaryLight for LightOctree {
         let n_geo = surface.point.n_geo;
         let n_facing = if wo.dot(n_geo) < 0.0 { -n_geo } else { n_geo };
         let n_shade = if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n };
-        let shading = Shading { surface, wo_local: surface.frame.to_local(wo), n_shade };
+        let wo_local = surface.frame.to_local(wo);
+        let shading = Shading { surface, wo_local, n_shade, base: surface.bsdf.coated_base(wo_local) };
         let around = self.around(surface.point.position, n_facing);
         let mut sums = [Rgb::BLACK; 2];
         let mut irradiance = [Irradiance::default(); 2];
-        let lambert = match surface.bsdf {
-            Bsdf::Lambert { albedo } => Some(albedo),
-            _ => None,
-        };
         let mut blur_m = 0.0;
         let mut is_alone = true;
         for &(weight, place) in around.sets() {
@@ -209,15 +204,15 @@ impl SecondaryLight for LightOctree {
             is_alone &= set.is_alone;
             for class in 0..1 + usize::from(set.end_vdl > set.first_vdl[1]) {
                 let lights = self.lights_of(place, class);
-                match lambert {
-                    Some(_) => lights.add_irradiance(n_shade, weight, &mut irradiance[class]),
+                match &shading.base {
+                    Some(base) => lights.add_passing(base, n_shade, weight, &mut irradiance[class]),
                     None => sums[class] += shading.response(lights) * weight,
                 }
             }
         }
-        if let Some(albedo) = lambert {
+        if let Some(base) = &shading.base {
             for (sum, irradiance) in sums.iter_mut().zip(irradiance) {
-                *sum += albedo * irradiance.total() * FRAC_1_PI;
+                *sum += base.scale * irradiance.total();
             }
         }
         let blur_m = if around.count > 0 { blur_m } else { self.radius_max_m * around.scale };
@@ -273,6 +268,8 @@ struct Shading<'a> {
     surface: &'a Surface,
     wo_local: Vec3,
     n_shade: Vec3,
+    /// Of lobes that are not asked light by light.
+    base: Option<CoatedBase>,
 }
 
 impl Shading<'_> {
@@ -290,17 +287,18 @@ impl Shading<'_> {
 
     /// The same of one of them.
     fn response_of(&self, vdl: &ShadedVdl, softness: Softness) -> Rgb {
-        let cos = softness.cos(self.n_shade.dot(vdl.direction));
-        match &self.surface.bsdf {
-            Bsdf::Lambert { albedo } => *albedo * vdl.scaled * (cos * FRAC_1_PI),
-            _ if !(cos > 0.0) => Rgb::BLACK,
-            bsdf => {
-                // From where the light's photons that do arrive come on average: never below the horizon.
-                let wi = self.surface.frame.to_local(vdl.direction);
-                let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
-                let f_cos = bsdf.eval(self.wo_local, wi).diffuse.f_cos;
-                f_cos * vdl.scaled * (cos / wi.z.abs())
-            }
+        let cos_light = self.n_shade.dot(vdl.direction);
+        let cos = softness.cos(cos_light);
+        if let Some(base) = &self.base {
+            return base.scale * vdl.scaled * (cos * base.passing(arriving_cos(cos_light, cos)));
         }
+        if !(cos > 0.0) {
+            return Rgb::BLACK;
+        }
+        // See `arriving_cos`.
+        let wi = self.surface.frame.to_local(vdl.direction);
+        let wi = wi.truncate().extend(cos.copysign(self.wo_local.z)).normalize();
+        let f_cos = self.surface.bsdf.eval_diffuse(self.wo_local, wi).f_cos;
+        f_cos * vdl.scaled * (cos / wi.z.abs())
     }
 }

@@ -38,7 +38,7 @@ pub(super) fn sample(
     }
     let wi = surface.frame.to_local(guidance.draw(Vec2::new(along, across)));
     // Below the horizon nothing goes on.
-    let value = surface.bsdf.eval(wo, wi).diffuse;
+    let value = surface.bsdf.eval_diffuse(wo, wi);
     if value.f_cos.is_black() {
         return None;
     }

@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use super::{BsdfSample, BsdfValue, LobeValue};
+use super::{BsdfSample, BsdfValue, CoatedBase, LobeValue};
 use crate::{
     math::{Rgb, warp},
     transport::Scatter,
@@ -67,7 +67,7 @@ impl Glass {
     fn base(&self, reflected: f32, wi: Vec3, eta: f32, chance: f32) -> LobeValue {
         let (reflected_in, _) = fresnel_dielectric(wi.z.abs(), eta);
         let share = (1.0 - reflected) * (1.0 - self.transmission) * (1.0 - reflected_in) / passing_mean(eta);
-        super::lambert(self.tint * share, wi, chance)
+        CoatedBase::lambert(self.tint * share).value(wi, chance)
     }
 
     /// See [`super::Bsdf::diffuse_of_even_light`]: what enters is normalised by its mean over even light.

@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::{BsdfSample, BsdfValue, LobeValue, SMOOTH_ALPHA, ggx::Ggx};
+use super::{BsdfSample, BsdfValue, CoatedBase, LobeValue, SMOOTH_ALPHA, ggx::Ggx};
 use crate::{
     math::{Rgb, warp},
     transport::Scatter,
@@ -103,10 +103,21 @@ impl Gltf {
         (1.0 - f0 - (self.dielectric_f90 - f0).max(0.0) / 21.0).max(1e-6)
     }
 
+    /// See [`super::Bsdf::coated_base`].
+    pub(super) fn coated_base(&self, wo: Vec3) -> CoatedBase {
+        let f0 = self.dielectric_f0.max_component();
+        let ahead = 1.0 - f0;
+        if !(ahead > 0.0) {
+            return CoatedBase::default();
+        }
+        let share = self.passing(wo.z.abs()) * ahead / self.passing_mean();
+        let rise = (self.dielectric_f90 - f0).max(0.0) / ahead;
+        CoatedBase { scale: self.diffuse * (share * std::f32::consts::FRAC_1_PI), rise }
+    }
+
     /// f · |cos θᵢ| of the base and its density when it is taken with `chance`.
     fn base(&self, wo: Vec3, wi: Vec3, chance: f32) -> LobeValue {
-        let share = self.passing(wo.z) * self.passing(wi.z) / self.passing_mean();
-        super::lambert(self.diffuse * share, wi, chance)
+        self.coated_base(wo).value(wi, chance)
     }
 
     /// Chance of taking the specular lobe, by what each lobe sends back towards `wo`.
@@ -121,6 +132,12 @@ impl Gltf {
         }
         // At least a tenth for either: at grazing half vectors a lobe may be stronger than it looks from `wo`.
         (specular / (specular + diffuse)).clamp(0.1, 0.9)
+    }
+
+    /// See [`super::Bsdf::eval_diffuse`].
+    pub(super) fn eval_diffuse(&self, wo: Vec3, wi: Vec3) -> LobeValue {
+        let [wo, wi] = [wo, wi].map(|w| w.with_z(w.z.abs()));
+        self.base(wo, wi, 1.0 - self.specular_chance(wo))
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> BsdfValue {

@@ -16,6 +16,7 @@
 //! GGX with α below 10⁻³ (roughness below 0.032) is treated as a mirror: the lobe is then narrower than any
 //! pixel, and single precision can no longer evaluate it.
 
+mod base;
 mod ggx;
 mod glass;
 mod gltf;
@@ -26,7 +27,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
 
-pub use self::{glass::Glass, gltf::Gltf};
+pub use self::{base::CoatedBase, glass::Glass, gltf::Gltf};
 use super::Scatter;
 use crate::math::{Rgb, warp};
 
@@ -127,6 +128,15 @@ impl Bsdf {
         }
     }
 
+    /// The diffuse lobe towards `wo` (frame coordinates), where it is a Lambert lobe or one under glTF's coat.
+    pub fn coated_base(&self, wo: Vec3) -> Option<CoatedBase> {
+        match self {
+            Bsdf::Lambert { albedo } => Some(CoatedBase::lambert(*albedo)),
+            Bsdf::Gltf(gltf) => Some(gltf.coated_base(wo)),
+            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Glass(_) => None,
+        }
+    }
+
     /// Share of light from straight ahead that is scattered, for the albedo layer.
     pub fn albedo(&self) -> Rgb {
         match self {
@@ -146,10 +156,18 @@ impl Bsdf {
         match self {
             Bsdf::Black | Bsdf::Mirror { .. } => BsdfValue::default(),
             Bsdf::Lambert { albedo } => {
-                BsdfValue { diffuse: lambert(*albedo, wi, 1.0), ..BsdfValue::default() }
+                BsdfValue { diffuse: CoatedBase::lambert(*albedo).value(wi, 1.0), ..BsdfValue::default() }
             }
             Bsdf::Gltf(gltf) => gltf.eval(wo, wi),
             Bsdf::Glass(glass) => glass.eval(wo, wi),
+        }
+    }
+
+    /// The diffuse lobe's part of [`Bsdf::eval`].
+    pub fn eval_diffuse(&self, wo: Vec3, wi: Vec3) -> LobeValue {
+        match self {
+            Bsdf::Gltf(gltf) if wo.z * wi.z > 0.0 => gltf.eval_diffuse(wo, wi),
+            _ => self.eval(wo, wi).diffuse,
         }
     }
 
@@ -181,15 +199,6 @@ impl Bsdf {
             Bsdf::Mirror { .. } => self.sample(wo, u),
             Bsdf::Glass(glass) => glass.sample_specular(wo, u),
         }
-    }
-}
-
-/// The Lambert lobe when it is taken with probability `chance`.
-fn lambert(albedo: Rgb, wi: Vec3, chance: f32) -> LobeValue {
-    let cos = wi.z.abs();
-    LobeValue {
-        f_cos: albedo * (FRAC_1_PI * cos),
-        pdf_solid_angle: warp::cosine_hemisphere_pdf(cos) * chance,
     }
 }
 

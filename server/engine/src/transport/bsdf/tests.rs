@@ -222,6 +222,49 @@ fn fresnel_terms_meet_their_end_points() {
 }
 
 /// What the diffuse lobe makes of even light is the integral of its values, from either side.
+/// The base under a coat is Lambert's by what Schlick's terms leave both ways, normalised, whoever asks: all at once, or for the diffuse
+/// lobe alone. What reflects everything leaves nothing.
+#[test]
+fn a_coat_passes_what_it_does_not_reflect() {
+    let base_color = Rgb::new(0.2, 0.5, 0.9);
+    for (ior, specular, tint) in [
+        (1.5, 1.0, Rgb::WHITE),
+        (1.5, 0.0, Rgb::WHITE),
+        (2.4, 0.7, Rgb::new(1.0, 0.3, 0.1)),
+        (1e4, 1.0, Rgb::WHITE),
+    ] {
+        let bsdf = Bsdf::Gltf(Gltf::new(base_color, 0.0, 0.5, ior, specular, tint));
+        let f0 = f64::from(((ior - 1.0) / (ior + 1.0)).powi(2) * specular);
+        let specular = f64::from(specular);
+        let passing = |cos: f32| 1.0 - f0 - (specular - f0) * (1.0 - f64::from(cos)).powi(5);
+        let mean = 1.0 - f0 - (specular - f0) / 21.0;
+        for index in 0..200 {
+            let [u, v, w, _] = point(3, index);
+            let (wo, wi) = (direction(u, 0.4), direction(v, std::f32::consts::TAU * w));
+            let both = passing(u) * passing(v) / mean.max(1e-6);
+            let found = bsdf.eval(wo, wi).diffuse;
+            assert_eq!(found.f_cos, bsdf.eval_diffuse(wo, wi).f_cos);
+            assert_eq!(found.pdf_solid_angle, bsdf.eval_diffuse(wo, wi).pdf_solid_angle);
+            let base = bsdf.coated_base(wo).unwrap();
+            let at_once = base.scale * (base.passing(wi.z) * wi.z);
+            assert_eq!(base.passing_of(glam::Vec4::splat(wi.z)).x, base.passing(wi.z));
+            for found in [found.f_cos, at_once] {
+                let expected = f64::from(base_color.g) / std::f64::consts::PI * f64::from(v) * both;
+                assert!(
+                    (f64::from(found.g) - expected).abs() < 1e-4 * expected + 1e-6,
+                    "{found:?} for {expected}"
+                );
+            }
+        }
+    }
+    for (name, bsdf) in with_density() {
+        for (wo, wi) in [(0.7, 0.4), (-0.7, -0.4), (0.7, -0.4), (0.0, 0.3)] {
+            let (wo, wi) = (direction(wo, 0.3), direction(wi, 2.0));
+            assert_eq!(bsdf.eval(wo, wi).diffuse.f_cos, bsdf.eval_diffuse(wo, wi).f_cos, "{name}");
+        }
+    }
+}
+
 #[test]
 fn even_light_is_scattered_as_the_lobe_adds_up() {
     const COUNT: u32 = 1 << 14;
