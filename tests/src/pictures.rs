@@ -5,7 +5,7 @@ use std::sync::{Arc, atomic::AtomicBool};
 use lumicast_engine::{
     film::PictureSize,
     math::{Rgb, RunningStatistics},
-    render::{Indirect, RenderSettings, Rendering},
+    render::{IlluminationSettings, Indirect, RenderSettings, Rendering},
     transport::{PathClass, World},
 };
 
@@ -15,12 +15,21 @@ const SIDE: u32 = 32;
 /// What photons and records may be off by in the mean of a layer, in shares of the mean of the picture and of the layer.
 const BIAS_MAX: [f64; 2] = [0.004, 0.04];
 
+/// The light of these pictures is learnt by so many photons of as many as users have: learning it is most of their time, and fewer
+/// only make it coarser. `LUMICAST_NIGHTLY=1` takes all.
+const PHOTONS_SHARE: u32 = 4;
+
 /// A square picture of the scene's first camera, or of all of it: `side` × `side` pixels, `passes` samples each.
 pub fn picture(world: &Arc<World>, side: u32, settings: RenderSettings, passes: u32) -> Rendering {
     let scene = world.scene();
     let view = scene.camera_view(None).unwrap_or_else(|| scene.default_view());
     let size = PictureSize::new(side, side).expect("a size");
-    let mut rendering = Rendering::new(world.clone(), view, size, settings);
+    let mut light = IlluminationSettings::of(&settings);
+    if std::env::var_os("LUMICAST_NIGHTLY").is_none() {
+        light.photons.emitted_count /= PHOTONS_SHARE;
+        light.octree.photon_count /= PHOTONS_SHARE;
+    }
+    let mut rendering = Rendering::learning_by((world.clone(), light), view, size, settings);
     while rendering.passes() < passes || !rendering.is_whole() {
         rendering.step(&AtomicBool::new(false));
     }

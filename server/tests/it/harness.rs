@@ -65,7 +65,8 @@ impl Server {
     }
 
     pub(crate) async fn without_scenes(change: impl FnOnce(&mut Config)) -> Server {
-        let mut config = Config { threads: 2, ..Config::default() };
+        // Fewer photons than users have: most of the time of these tests would go into learning light.
+        let mut config = Config { threads: 2, photons: 64_000, ..Config::default() };
         change(&mut config);
         let workshop = Arc::new(open(config).await);
         let scenes = Arc::new(Scenes::new(workshop));

@@ -182,7 +182,7 @@ async fn a_picture_can_be_asked_for() {
 /// What one picture learns of the light the next begins with, through another camera too, until an edit changes the light.
 #[tokio::test]
 async fn pictures_share_the_light_of_their_scene() {
-    let server = Server::start(|config| config.photons = 64_000).await;
+    let server = Server::start(|_| {}).await;
     let lit = async || {
         let metrics = &server.scenes.workshop().metrics;
         let before = (metrics.pictures.value(), metrics.pictures_lit.value());
@@ -204,7 +204,7 @@ async fn pictures_share_the_light_of_their_scene() {
     assert_eq!(lit().await, 1);
     server.stop().await;
 
-    let server = Server::start(|config| (config.photons, config.kept_light_s) = (64_000, 0.0)).await;
+    let server = Server::start(|config| config.kept_light_s = 0.0).await;
     let metrics = &server.scenes.workshop().metrics;
     let path = format!("{BOX}/frame?size=48x48&time=0.4");
     for _ in 0..2 {
@@ -214,7 +214,7 @@ async fn pictures_share_the_light_of_their_scene() {
     server.stop().await;
 
     // Who looks keeps his light to himself, and leaves it when he goes.
-    let server = Server::start(|config| config.photons = 64_000).await;
+    let server = Server::start(|_| {}).await;
     let metrics = &server.scenes.workshop().metrics;
     let mut viewer = server.viewer().await;
     viewer.say(json!({"type": "accuracy", "technique": "auto"})).await;
@@ -236,7 +236,7 @@ async fn pictures_share_the_light_of_their_scene() {
 /// they know in the end is kept.
 #[tokio::test]
 async fn pictures_at_once_learn_together() {
-    let server = Server::start(|config| config.photons = 64_000).await;
+    let server = Server::start(|_| {}).await;
     let metrics = &server.scenes.workshop().metrics;
     let [main, corner] =
         ["main", "corner"].map(|camera| format!("{BOX}/frame?camera={camera}&size=48x48&time=3"));

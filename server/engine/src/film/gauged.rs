@@ -429,8 +429,7 @@ mod tests {
     #[test]
     fn nearly_right_pictures_are_measured_as_before() {
         let truth = truth();
-        for (blotches, samples, count) in [(0.1, 256, 64), (0.1, 256, 256), (0.1, 1024, 64), (0.02, 2048, 64)]
-        {
+        for (blotches, samples, count) in [(0.1, 256, 64), (0.1, 256, 256), (0.02, 1024, 64)] {
             let image = shown(&truth, |_| 1.0, blotches);
             let found = judge(&format!("blotches {blotches}"), &image, &truth, [count, samples]);
             assert!((found.ratio - 1.0).abs() < 0.06, "{blotches} {samples}: {}", found.ratio);
