@@ -9,7 +9,7 @@
 //! First pictures after a camera has moved have them from fewer photons, counted on the screen (`screen/`).
 //!
 //! Photons carry as much flux each as if all lights had sent them out blindly: what this costs is in proportion to the share
-//! of the light that falls on mirrors and glass. Where there are none it costs nothing.
+//! of the light that falls on mirrors and glass. Where there are none it costs nothing, where there are only rough coats, little.
 //!
 //! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of
 //! point, spot and directional lights by way of mirrors and clear glass, which no path from the eye can find; and can be asked
@@ -61,7 +61,7 @@ pub enum CausticLight {
 /// Parameters of caustics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CausticSettings {
-    /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does.
+    /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does, or as rough coats send on.
     pub photons_per_pass: u32,
     /// Photons of a pass at most.
     pub photons_max: u32,
@@ -325,6 +325,10 @@ impl Emission {
         let aimed_w: f64 = aimed.iter().map(|(_, power_w)| power_w).sum();
         let photon_w = (total_w / f64::from(settings.photons_per_pass.max(1)))
             .max(aimed_w / f64::from(settings.photons_max.max(1)));
+        // What rough coats send on is as smooth as it is faint: by as many fewer photons, each carries on what one by a mirror does.
+        let share = f64::from(world.specular_share());
+        let few_w = (aimed_w / f64::from(PHOTONS_LEAST)).max(photon_w);
+        let photon_w = (photon_w / share).min(few_w);
         let lights = aimed.into_iter().map(|(source, power_w)| AimedLight {
             key: photons::key_of(settings.seed, source.name()),
             photon_count: power_w / photon_w,

@@ -12,7 +12,7 @@ use crate::{
     accel::Ray,
     math::{Rgb, RunningStatistics},
     scene::{
-        Light, LightKind, Material, Scene,
+        Id, Light, LightKind, Material, Scene, Texels, Texture, TextureRef, TextureSlot,
         samples::{self, Stage, cuboid, quad, sphere},
     },
     technique::{
@@ -306,6 +306,49 @@ fn cost_is_in_proportion_to_the_light_that_is_caught() {
     let sin2: f64 = 3.0 * 0.04 / 9.0;
     let share = 0.5 * (1.0 - (1.0 - sin2).sqrt());
     assert!((large / (1e6 * share) - 1.0).abs() < 0.03, "{large} of 1,000,000, share {share}");
+}
+
+/// What rough coats send on takes as many fewer photons as it is less than all, down to a few thousand; what may focus light, be it one
+/// texel of a coat, takes all.
+#[test]
+fn rough_coats_take_few_photons() {
+    let picture = |roughness: [u8; 2]| {
+        let texel = |roughness: u8| [0, roughness, 0, 255];
+        Texture { width: 2, height: 1, texels: Texels::Rgba8(roughness.map(texel).to_vec()) }
+    };
+    let emitted = |coat: Material, texture: Option<[u8; 2]>, photons: u32| {
+        let mut coat = coat;
+        let mut stage = Stage::default();
+        if let Some(roughness) = texture {
+            let id = Id::new("roughness").unwrap();
+            stage.builder().add_texture(id.clone(), picture(roughness)).unwrap();
+            coat.textures[TextureSlot::MetallicRoughness as usize] = Some(TextureRef::new(id));
+        }
+        let coat = stage.material("coat", coat).unwrap();
+        let room = cuboid(v(-1.0, -1.0, -1.0), v(1.0, 1.0, 1.0), &coat);
+        stage.place("room", room, DAffine3::IDENTITY).unwrap();
+        let (position, direction) = (v(0.1, 0.2, 0.3), DVec3::NEG_Y);
+        stage.light("light", Light { kind: point(1.0), parent: None, position, direction }).unwrap();
+        let mut caustics = Caustics::new(settings(photons));
+        next_map(&mut caustics, &world_of(stage.finish()));
+        caustics.report().photons_emitted as f64 / f64::from(photons)
+    };
+    let coat = |roughness: f32| Material { roughness, ..Material::default() };
+    let of_coat = 0.04 + 0.96 / 21.0;
+    for (what, coat, texture, expected) in [
+        ("glTF's default", coat(1.0), None, of_coat),
+        ("half as strong", Material { specular: 0.5, ..coat(1.0) }, None, 0.5 * of_coat),
+        ("rough by its picture", coat(1.0), Some([255, 200]), of_coat),
+        ("polished", coat(0.2), None, 1.0),
+        ("polished in part by its picture", coat(1.0), Some([255, 20]), 1.0),
+        ("metal", Material { metallic: 1.0, ..coat(1.0) }, None, 1.0),
+    ] {
+        let found = emitted(coat, texture, 200_000);
+        assert!((found / expected - 1.0).abs() < 0.03, "{what}: {found} for {expected}");
+    }
+    let found = emitted(coat(1.0), None, 10_000) * 10_000.0;
+    assert!((found / f64::from(PHOTONS_LEAST) - 1.0).abs() < 0.03, "{found}");
+    assert_eq!(emitted(coat(1.0), None, 1_000), emitted(coat(0.2), None, 1_000));
 }
 
 /// Whatever photons there are, maps are finite and not negative: none, one, many in one place, on a line, of enormous and of

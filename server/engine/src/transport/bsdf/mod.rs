@@ -23,8 +23,6 @@ mod gltf;
 #[cfg(test)]
 mod tests;
 
-use std::f32::consts::FRAC_1_PI;
-
 use glam::Vec3;
 
 pub use self::{base::CoatedBase, glass::Glass, gltf::Gltf};
