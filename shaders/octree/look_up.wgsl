@@ -185,7 +185,11 @@ fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: 
         let cos_light = dot(n_shade, direction);
         let cosine = softened(cos_light, reach);
         if has_base {
-            sum += base.scale * scaled * (cosine * passing(base, arriving_cos(cos_light, cosine)));
+            var share = cosine;
+            if base.rise > 0.0 {
+                share *= passing(base, arriving_cos(cos_light, cosine));
+            }
+            sum += base.scale * scaled * share;
             continue;
         }
         if !(cosine > 0.0) {

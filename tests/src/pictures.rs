@@ -16,7 +16,7 @@ const SIDE: u32 = 32;
 const BIAS_MAX: [f64; 2] = [0.004, 0.04];
 
 /// The light of these pictures is learnt by so many photons of as many as users have: learning it is most of their time, and fewer
-/// only make it coarser. `LUMICAST_NIGHTLY=1` takes all.
+/// only make it coarser, and make pictures of different seeds differ by more. `LUMICAST_NIGHTLY=1` takes all.
 const PHOTONS_SHARE: u32 = 4;
 
 /// A square picture of the scene's first camera, or of all of it: `side` × `side` pixels, `passes` samples each.

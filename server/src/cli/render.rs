@@ -73,6 +73,9 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     if let Some(missed) = statistics::missed(outcome.stopped_by, args.error, measured, is_confirmed) {
         eprintln!("warning: {missed}");
     }
+    if let Some(overran) = statistics::overran(args.time, outcome.seconds, rendering.passes()) {
+        eprintln!("warning: {overran}");
+    }
     if let Some(hint) = hint {
         eprintln!("hint: {hint}");
     }

@@ -292,7 +292,7 @@ async fn the_log_is_bounded_and_says_so() {
 /// 500 edits that add and remove things leave no more behind than they should.
 #[tokio::test]
 async fn five_hundred_edits_leave_memory_as_it_was() {
-    let server = Server::start(|_| {}).await;
+    let server = Server::start(|config| config.photons = 1_000_000).await;
     let before = server.get(BOX).await.json();
     let add = json!([
         {"op": "add_mesh", "mesh": "m", "positions": [[0,0,0],[0.1,0,0],[0,0,0.1]], "triangles": [[0,1,2]], "material": "white"},

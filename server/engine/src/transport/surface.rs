@@ -11,6 +11,9 @@ use crate::{
     scene::{Encoding, Id, Material, Scene, Texture, TextureSlot},
 };
 
+/// GGX α from which on a gloss focuses nothing: its reflections are as wide as they are far, at roughness 0.5.
+const WIDE_ALPHA: f32 = 0.25;
+
 /// A material with its textures at hand.
 #[derive(Debug)]
 pub(in crate::transport) struct PreparedMaterial {
@@ -18,8 +21,6 @@ pub(in crate::transport) struct PreparedMaterial {
     textures: [Option<Arc<Texture>>; 7],
     /// Mean of the emissive texture's luminance, 1 without one.
     mean_emission: f32,
-    /// See [`PreparedMaterial::sent_on_share`].
-    sent_on_share: f32,
 }
 
 /// What a path needs to know where it met a surface.
@@ -54,16 +55,6 @@ impl Absorption {
     }
 }
 
-/// Texels of a picture over a grid of at most 64².
-fn texels_of(texture: &Texture, encoding: Encoding) -> impl Iterator<Item = Vec4> + '_ {
-    let (columns, rows) = (texture.width.min(64), texture.height.min(64));
-    let texel = move |at: u32| {
-        let (x, y) = (at % columns, at / columns);
-        texture.texel(x * texture.width / columns, y * texture.height / rows, encoding)
-    };
-    (0..columns * rows).map(texel)
-}
-
 /// Interpolated vertex data at a hit.
 struct Interpolated {
     texcoords: [Vec2; 2],
@@ -76,9 +67,8 @@ impl PreparedMaterial {
         let textures = std::array::from_fn(|slot| {
             scene.textures().get(&material.textures[slot].as_ref()?.texture).cloned()
         });
-        let mut prepared = PreparedMaterial { material, textures, mean_emission: 1.0, sent_on_share: 1.0 };
+        let mut prepared = PreparedMaterial { material, textures, mean_emission: 1.0 };
         prepared.mean_emission = prepared.mean_emission_luminance();
-        prepared.sent_on_share = prepared.specular_share();
         prepared
     }
 
@@ -112,38 +102,40 @@ impl PreparedMaterial {
                 || material.texture(TextureSlot::MetallicRoughness).is_some())
     }
 
-    /// About what its lobes that are not diffuse send on of even light, where they spread it as widely as rough coats do; 1 of what
-    /// may focus it, and of metal. It steers how much is sampled, so it need not be exact.
+    /// About what its lobes that are not diffuse send on of even light, where they spread it as rough coats do; 1 of what may focus it, of
+    /// metal, and where a picture says how rough it is: pictures only lower roughness.
     pub(in crate::transport) fn sent_on_share(&self) -> f32 {
-        self.sent_on_share
-    }
-
-    fn specular_share(&self) -> f32 {
         let material = &self.material;
-        let (mut roughness, mut metallic) = (material.roughness, material.metallic);
-        if let Some(texture) = &self.textures[TextureSlot::MetallicRoughness as usize] {
-            let of = |axis: usize| texels_of(texture, Encoding::Linear).map(move |texel| texel[axis]);
-            roughness *= of(1).fold(1.0, f32::min);
-            metallic *= of(2).fold(0.0, f32::max);
-        }
-        if material.transmission > 0.0 || metallic > 0.0 || roughness * roughness < BROAD_ALPHA {
+        let alpha = material.roughness * material.roughness;
+        if material.transmission > 0.0
+            || material.metallic > 0.0
+            || alpha < BROAD_ALPHA
+            || material.texture(TextureSlot::MetallicRoughness).is_some()
+        {
             return 1.0;
         }
         // Schlick's term over even light, as where a base lies below: `bsdf/gltf.rs`.
         let f0 = ((material.ior - 1.0) / (material.ior + 1.0)).powi(2);
         let f0 = (material.specular_color.max_component() * f0).min(1.0);
-        material.specular * (f0 + (1.0 - f0) / 21.0)
+        let share = material.specular * (f0 + (1.0 - f0) / 21.0);
+        // By and by, so that a little rougher takes a little fewer.
+        share.powf(((alpha - BROAD_ALPHA) / (WIDE_ALPHA - BROAD_ALPHA)).min(1.0))
     }
 
     fn mean_emission_luminance(&self) -> f32 {
         let Some(texture) = &self.textures[TextureSlot::Emission as usize] else { return 1.0 };
-        let (mut sum, mut count) = (0.0, 0);
-        for texel in texels_of(texture, Encoding::Srgb) {
-            sum += Rgb::new(texel.x, texel.y, texel.z).luminance();
-            count += 1;
+        // A grid of at most 64² texels: the mean steers sampling only, so it need not be exact, but must not be zero
+        // where any texel shines.
+        let (columns, rows) = (texture.width.min(64), texture.height.min(64));
+        let mut sum = 0.0;
+        for y in 0..rows {
+            for x in 0..columns {
+                let texel =
+                    texture.texel(x * texture.width / columns, y * texture.height / rows, Encoding::Srgb);
+                sum += Rgb::new(texel.x, texel.y, texel.z).luminance();
+            }
         }
-        // Sampling is steered by it: it must not be zero where any texel shines.
-        (sum / count.max(1) as f32).max(1e-3)
+        (sum / (columns * rows) as f32).max(1e-3)
     }
 
     pub(in crate::transport) fn is_masked(&self) -> bool {

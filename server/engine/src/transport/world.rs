@@ -165,7 +165,7 @@ impl World {
 
     /// Share of the light that falls on specular primitives which they send on by lobes that are not diffuse, about: that of the most
     /// specular one. 1 where any may focus light.
-    pub fn specular_share(&self) -> f32 {
+    pub fn sent_on_share(&self) -> f32 {
         let placed = self.primitive_materials.iter().flatten().map(|index| &self.materials[*index as usize]);
         let specular = placed.filter(|material| material.material().is_specular());
         specular.map(PreparedMaterial::sent_on_share).fold(0.0, f32::max)

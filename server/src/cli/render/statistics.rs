@@ -1,6 +1,6 @@
 //! `--stats`: what a rendering took, did and reached.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use lumicast_engine::{
     effects::{EffectKind, EffectPlan},
@@ -257,6 +257,22 @@ pub(super) fn missed(
     Some(format!("--{ended} ended it before the {target} % asked for were {found}"))
 }
 
+/// What to say of a picture that took longer than the time it was given: it is whole after its first samples at the earliest.
+///
+/// - `taken_s`: of the time that the bound is on
+pub(super) fn overran(bound: Option<Duration>, taken_s: f64, samples: u32) -> Option<String> {
+    let bound_s = bound.filter(|_| samples == 1)?.as_secs_f64();
+    (taken_s > OVERRUN_TOLD * bound_s + OVERRUN_LEAST_S).then(|| {
+        format!(
+            "--time {bound_s} s was over before every pixel had its first sample, which took {taken_s:.2} s"
+        )
+    })
+}
+
+/// Longer than it should have been by so much a picture is not without a word.
+const OVERRUN_TOLD: f64 = 1.1;
+const OVERRUN_LEAST_S: f64 = 0.02;
+
 impl Statistics {
     /// One line for people.
     pub(super) fn summary(&self) -> String {
@@ -289,6 +305,17 @@ impl Statistics {
 mod tests {
     use super::*;
     use lumicast_engine::scene::samples;
+
+    /// Whoever waits longer than he asked for is told why.
+    #[test]
+    fn a_time_that_was_overrun_is_told() {
+        let tenth = Some(Duration::from_millis(100));
+        assert_eq!(overran(tenth, 0.125, 1), None);
+        assert_eq!(overran(None, 100.0, 1), None);
+        assert_eq!(overran(tenth, 0.456, 2), None);
+        let told = overran(tenth, 0.456, 1).unwrap_or_default();
+        assert!(told.starts_with("--time 0.1 s was over") && told.ends_with("took 0.46 s"), "{told}");
+    }
 
     /// Whoever asks for an error and does not get it is told; nobody else is.
     #[test]

@@ -61,7 +61,8 @@ pub enum CausticLight {
 /// Parameters of caustics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CausticSettings {
-    /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does, or as rough coats send on.
+    /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does, or as rough coats send on,
+    /// but for those of a sketch.
     pub photons_per_pass: u32,
     /// Photons of a pass at most.
     pub photons_max: u32,
@@ -325,9 +326,10 @@ impl Emission {
         let aimed_w: f64 = aimed.iter().map(|(_, power_w)| power_w).sum();
         let photon_w = (total_w / f64::from(settings.photons_per_pass.max(1)))
             .max(aimed_w / f64::from(settings.photons_max.max(1)));
-        // What rough coats send on is as smooth as it is faint: by as many fewer photons, each carries on what one by a mirror does.
-        let share = f64::from(world.specular_share());
-        let few_w = (aimed_w / f64::from(PHOTONS_LEAST)).max(photon_w);
+        // What rough coats send on is as smooth as it is faint: of as many fewer photons each carries on, on average, what one by a mirror
+        // does.
+        let share = f64::from(world.sent_on_share());
+        let few_w = (aimed_w / f64::from(SKETCH_PHOTONS)).max(photon_w);
         let photon_w = (photon_w / share).min(few_w);
         let lights = aimed.into_iter().map(|(source, power_w)| AimedLight {
             key: photons::key_of(settings.seed, source.name()),

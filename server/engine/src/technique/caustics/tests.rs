@@ -308,47 +308,90 @@ fn cost_is_in_proportion_to_the_light_that_is_caught() {
     assert!((large / (1e6 * share) - 1.0).abs() < 0.03, "{large} of 1,000,000, share {share}");
 }
 
-/// What rough coats send on takes as many fewer photons as it is less than all, down to a few thousand; what may focus light, be it one
-/// texel of a coat, takes all.
+/// A point light in a room of one material.
+fn room_of(material: Material, texture: Option<Texture>) -> Stage {
+    let mut material = material;
+    let mut stage = Stage::default();
+    if let Some(texture) = texture {
+        let id = Id::new("texture").unwrap();
+        stage.builder().add_texture(id.clone(), texture).unwrap();
+        material.textures[TextureSlot::MetallicRoughness as usize] = Some(TextureRef::new(id));
+    }
+    let material = stage.material("walls", material).unwrap();
+    let room = cuboid(v(-1.0, -1.0, -1.0), v(1.0, 1.0, 1.0), &material);
+    stage.place("room", room, DAffine3::IDENTITY).unwrap();
+    let (position, direction) = (v(0.1, 0.2, 0.3), DVec3::NEG_Y);
+    stage.light("light", Light { kind: point(1.0), parent: None, position, direction }).unwrap();
+    stage
+}
+
+fn coat(roughness: f32) -> Material {
+    Material { roughness, ..Material::default() }
+}
+
+/// What rough coats send on takes as many fewer photons as it is less than all, down to those of a sketch; the narrower the gloss is the
+/// more, and what may focus light, as far as is known, takes all.
 #[test]
 fn rough_coats_take_few_photons() {
-    let picture = |roughness: [u8; 2]| {
-        let texel = |roughness: u8| [0, roughness, 0, 255];
-        Texture { width: 2, height: 1, texels: Texels::Rgba8(roughness.map(texel).to_vec()) }
-    };
-    let emitted = |coat: Material, texture: Option<[u8; 2]>, photons: u32| {
-        let mut coat = coat;
-        let mut stage = Stage::default();
-        if let Some(roughness) = texture {
-            let id = Id::new("roughness").unwrap();
-            stage.builder().add_texture(id.clone(), picture(roughness)).unwrap();
-            coat.textures[TextureSlot::MetallicRoughness as usize] = Some(TextureRef::new(id));
-        }
-        let coat = stage.material("coat", coat).unwrap();
-        let room = cuboid(v(-1.0, -1.0, -1.0), v(1.0, 1.0, 1.0), &coat);
-        stage.place("room", room, DAffine3::IDENTITY).unwrap();
-        let (position, direction) = (v(0.1, 0.2, 0.3), DVec3::NEG_Y);
-        stage.light("light", Light { kind: point(1.0), parent: None, position, direction }).unwrap();
+    let emitted = |material: Material, texture: Option<Texture>, photons: u32| {
         let mut caustics = Caustics::new(settings(photons));
-        next_map(&mut caustics, &world_of(stage.finish()));
+        next_map(&mut caustics, &world_of(room_of(material, texture).finish()));
         caustics.report().photons_emitted as f64 / f64::from(photons)
     };
-    let coat = |roughness: f32| Material { roughness, ..Material::default() };
-    let of_coat = 0.04 + 0.96 / 21.0;
-    for (what, coat, texture, expected) in [
+    let rough = Texture { width: 1, height: 1, texels: Texels::Rgba8(vec![[0, 255, 0, 255]]) };
+    let of_coat: f64 = 0.04 + 0.96 / 21.0;
+    for (what, material, texture, expected) in [
         ("glTF's default", coat(1.0), None, of_coat),
-        ("half as strong", Material { specular: 0.5, ..coat(1.0) }, None, 0.5 * of_coat),
-        ("rough by its picture", coat(1.0), Some([255, 200]), of_coat),
-        ("polished", coat(0.2), None, 1.0),
-        ("polished in part by its picture", coat(1.0), Some([255, 20]), 1.0),
+        ("half as strong", Material { specular: 0.5, ..coat(0.5) }, None, 0.5 * of_coat),
+        // α = 0.175, half of the way.
+        ("narrower", coat(0.175f32.sqrt()), None, of_coat.sqrt()),
+        ("polished", coat(0.3), None, 1.0),
+        ("with a picture", coat(1.0), Some(rough), 1.0),
         ("metal", Material { metallic: 1.0, ..coat(1.0) }, None, 1.0),
     ] {
-        let found = emitted(coat, texture, 200_000);
+        let found = emitted(material, texture, 400_000);
         assert!((found / expected - 1.0).abs() < 0.03, "{what}: {found} for {expected}");
     }
-    let found = emitted(coat(1.0), None, 10_000) * 10_000.0;
-    assert!((found / f64::from(PHOTONS_LEAST) - 1.0).abs() < 0.03, "{found}");
-    assert_eq!(emitted(coat(1.0), None, 1_000), emitted(coat(0.2), None, 1_000));
+    let found = emitted(coat(1.0), None, 20_000) * 20_000.0;
+    assert!((found / f64::from(SKETCH_PHOTONS) - 1.0).abs() < 0.03, "{found}");
+    assert_eq!(emitted(coat(1.0), None, 5_000), emitted(coat(0.2), None, 5_000));
+}
+
+/// Few photons show of rough coats what many do, all over a floor: something polished that is too small to matter makes them many.
+#[test]
+fn few_photons_show_what_many_do() {
+    const PASSES: u32 = 12;
+    const SIDE: usize = 24;
+    // Rows of a grid over the floor, and photons in all.
+    let seen = |is_polished: bool| {
+        let mut stage = room_of(coat(0.6), None);
+        if is_polished {
+            let polished = stage.material("polished", coat(0.1)).unwrap();
+            let square = [v(-1e-4, 0.5, 1e-4), v(1e-4, 0.5, 1e-4), v(1e-4, 0.5, -1e-4), v(-1e-4, 0.5, -1e-4)];
+            stage.place("tiny", quad(square, &polished), DAffine3::IDENTITY).unwrap();
+        }
+        let world = world_of(stage.finish());
+        let mut caustics = Caustics::new(settings(150_000));
+        let mut rows = [0.0; SIDE];
+        for _ in 0..PASSES {
+            let map = next_map(&mut caustics, &world).unwrap();
+            for at in 0..SIDE * SIDE {
+                let place = |at: usize| (at as f64 + 0.5) * 2.0 / SIDE as f64 - 1.0;
+                let eye = v(place(at % SIDE), 0.0, place(at / SIDE));
+                let ray = Ray::new(world.accel().to_render(eye), Vec3::NEG_Y);
+                let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+                rows[at / SIDE] += f64::from(map.scattered(&surface, -ray.direction, u32::MAX).diffuse.g);
+            }
+        }
+        (rows, caustics.report().photons_emitted)
+    };
+    let ((few, few_count), (many, many_count)) = (seen(false), seen(true));
+    assert!(10 * few_count < many_count, "{few_count} and {many_count}");
+    let sums = [few, many].map(|rows| rows.iter().sum::<f64>());
+    assert!((sums[0] / sums[1] - 1.0).abs() < 0.02, "{sums:?}");
+    for (few, many) in few.iter().zip(&many) {
+        assert!((few / many - 1.0).abs() < 0.1, "{few} for {many}");
+    }
 }
 
 /// Whatever photons there are, maps are finite and not negative: none, one, many in one place, on a line, of enormous and of

@@ -147,9 +147,7 @@ impl<'a> Lights<'a> {
             }
         }
     }
-}
 
-impl Lights<'_> {
     /// Adds what they bring to a base that faces `n`, as often as `weight` says, without what its coat keeps off.
     #[inline]
     pub(super) fn add_passing(&self, base: &CoatedBase, n: Vec3, weight: f32, sum: &mut Irradiance) {

@@ -35,7 +35,7 @@ impl CoatedBase {
     /// The share that light from `cos` has of light from straight ahead.
     #[inline]
     pub fn passing(&self, cos: f32) -> f32 {
-        1.0 - self.rise * (1.0 - cos.clamp(0.0, 1.0)).powi(5)
+        if self.rise == 0.0 { 1.0 } else { 1.0 - self.rise * (1.0 - cos.clamp(0.0, 1.0)).powi(5) }
     }
 
     /// The same of four.

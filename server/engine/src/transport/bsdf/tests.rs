@@ -221,7 +221,6 @@ fn fresnel_terms_meet_their_end_points() {
     assert!((fresnel_dielectric(0.0, 1.5).0 - 1.0).abs() < 1e-6);
 }
 
-/// What the diffuse lobe makes of even light is the integral of its values, from either side.
 /// The base under a coat is Lambert's by what Schlick's terms leave both ways, normalised, whoever asks: all at once, or for the diffuse
 /// lobe alone. What reflects everything leaves nothing.
 #[test]
@@ -231,7 +230,7 @@ fn a_coat_passes_what_it_does_not_reflect() {
         (1.5, 1.0, Rgb::WHITE),
         (1.5, 0.0, Rgb::WHITE),
         (2.4, 0.7, Rgb::new(1.0, 0.3, 0.1)),
-        (1e4, 1.0, Rgb::WHITE),
+        (1e9, 1.0, Rgb::WHITE),
     ] {
         let bsdf = Bsdf::Gltf(Gltf::new(base_color, 0.0, 0.5, ior, specular, tint));
         let f0 = f64::from(((ior - 1.0) / (ior + 1.0)).powi(2) * specular);
@@ -247,7 +246,8 @@ fn a_coat_passes_what_it_does_not_reflect() {
             assert_eq!(found.pdf_solid_angle, bsdf.eval_diffuse(wo, wi).pdf_solid_angle);
             let base = bsdf.coated_base(wo).unwrap();
             let at_once = base.scale * (base.passing(wi.z) * wi.z);
-            assert_eq!(base.passing_of(glam::Vec4::splat(wi.z)).x, base.passing(wi.z));
+            let four = base.passing_of(glam::Vec4::splat(wi.z)).x;
+            assert!((four - base.passing(wi.z)).abs() < 1e-6, "{four}");
             for found in [found.f_cos, at_once] {
                 let expected = f64::from(base_color.g) / std::f64::consts::PI * f64::from(v) * both;
                 assert!(
@@ -265,6 +265,7 @@ fn a_coat_passes_what_it_does_not_reflect() {
     }
 }
 
+/// What the diffuse lobe makes of even light is the integral of its values, from either side.
 #[test]
 fn even_light_is_scattered_as_the_lobe_adds_up() {
     const COUNT: u32 = 1 << 14;
