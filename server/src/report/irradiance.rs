@@ -91,8 +91,14 @@ struct Made {
     ray_count: u64,
 }
 
-fn made(prepared: &Prepared, size: PictureSize, settings: &RenderSettings, of: IrradianceSettings) -> Made {
-    let of = IlluminationSettings { irradiance: of, ..IlluminationSettings::of(settings) };
+fn made(
+    prepared: &Prepared,
+    size: PictureSize,
+    settings: &RenderSettings,
+    (of, effort): (IrradianceSettings, Effort),
+) -> Made {
+    let mut of = IlluminationSettings { irradiance: of, ..IlluminationSettings::of(settings) };
+    of.irradiance.ray_count = effort.record_rays.unwrap_or(of.irradiance.ray_count);
     let Some(learnt) = settings.learns(&prepared.plan) else {
         let (records, photons) = Default::default();
         return Made { light: None, records, photons, ray_count: 0 };
@@ -179,7 +185,7 @@ fn table_8_2(notebook: &mut Notebook, subjects: &[Subject], effort: Effort) -> R
                 });
                 let settings = with_one_bounce(Indirect::Irradiance);
                 let of = IrradianceSettings { pixels_min: TABLE_PIXELS, ..with_accuracy(accuracy) };
-                let made = made(prepared, size, &settings, of);
+                let made = made(prepared, size, &settings, (of, effort));
                 let mut cells = made.cells(subject);
                 let picture = drawn(prepared, size, &settings, made.light, effort.cache_passes);
                 let error = compare(&blocks(&picture, size), truth).map_err(|error| ReportError::Text {
@@ -341,7 +347,7 @@ fn options(notebook: &mut Notebook, subjects: &[Subject], effort: Effort) -> Res
                     Some(prepared) => prepared,
                     None => prepared.insert(subject.prepare()?),
                 };
-                let made = made(prepared, prepared.size, &settings, of);
+                let made = made(prepared, prepared.size, &settings, (of, effort));
                 let mut cells = made.cells(subject);
                 cells.insert(ACCURACY.key.into(), f64::from(accuracy).into());
                 cells.insert(OPTIONS.key.into(), name.into());

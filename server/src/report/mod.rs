@@ -30,7 +30,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use std::{path::PathBuf, time::Duration};
+use std::{num::NonZeroUsize, path::PathBuf, time::Duration};
 
 use lumicast_engine::render::Indirect;
 use serde::Serialize;
@@ -178,6 +178,8 @@ struct Effort {
     /// Irradiances by planes, and rays of either half of what they are compared with.
     hemispheres: u32,
     hemisphere_rays: u32,
+    /// Rays of a record; `None`: as many as pictures have.
+    record_rays: Option<NonZeroUsize>,
 }
 
 impl Effort {
@@ -194,6 +196,7 @@ impl Effort {
         fill_steps: 7,
         hemispheres: 10_000,
         hemisphere_rays: 1024,
+        record_rays: None,
     };
 
     /// The share of a number of photons.

@@ -1,6 +1,6 @@
 //! Reports from end to end, on the built-in boxes and with little effort.
 
-use std::{path::Path, time::Duration};
+use std::{num::NonZeroUsize, path::Path, time::Duration};
 
 use lumicast_engine::render::Indirect;
 
@@ -21,6 +21,7 @@ const LITTLE: Effort = Effort {
     fill_steps: 1,
     hemispheres: 64,
     hemisphere_rays: 32,
+    record_rays: NonZeroUsize::new(100),
 };
 
 fn job(paper: Paper, out: &Path) -> ReportJob {
