@@ -163,17 +163,17 @@ impl World {
         self.primitives_where(instance, |material| material.material().is_specular())
     }
 
+    /// Of these, those that may be perfect mirrors or clear glass.
+    pub fn smooth_primitives(&self, instance: u32) -> Vec<usize> {
+        self.primitives_where(instance, PreparedMaterial::may_be_smooth)
+    }
+
     /// Share of the light that falls on specular primitives which they send on by lobes that are not diffuse, about: that of the most
     /// specular one. 1 where any may focus light.
     pub fn sent_on_share(&self) -> f32 {
         let placed = self.primitive_materials.iter().flatten().map(|index| &self.materials[*index as usize]);
         let specular = placed.filter(|material| material.material().is_specular());
         specular.map(PreparedMaterial::sent_on_share).fold(0.0, f32::max)
-    }
-
-    /// Of these, those that may be perfect mirrors or clear glass.
-    pub fn smooth_primitives(&self, instance: u32) -> Vec<usize> {
-        self.primitives_where(instance, PreparedMaterial::may_be_smooth)
     }
 
     fn primitives_where(&self, instance: u32, is_so: impl Fn(&PreparedMaterial) -> bool) -> Vec<usize> {
