@@ -1,4 +1,4 @@
-// One level of the noise filter: pixels so many apart are joined. Twin of `Joined`.
+// One level of the noise filter: pixels so many apart are joined, each with the other by the same weight. Twin of `Joined`.
 
 /// One plane: what differences of light are multiplied by.
 @group(0) @binding(4) var<storage, read> per_differences: array<f32>;
@@ -25,8 +25,9 @@ fn joined(
             continue;
         }
         let light_there = light_at(there.row, there.column);
-        let apart = apart_from(own, there) + luminance_of(abs(rgb - light_there)) * per_difference;
-        let weight = weight_of(apart) * there.weight;
+        let per_there = per_differences[place_of(there.row, there.column, 1u)];
+        let differs = luminance_of(abs(rgb - light_there)) * max(per_difference, per_there);
+        let weight = weight_of(apart_from(own, there) + differs) * there.weight;
         sum += weight * light_there;
         variance += weight * weight * variance_at(there.row, there.column);
         weights += weight;

@@ -232,6 +232,8 @@ fn hostile_films_agree_and_stay_finite() {
 /// are as they would be without, to the last bit.
 #[test]
 fn what_is_no_number_never_comes_out() {
+    /// 1, and at four levels 1, 2, 4 and 8 and one for the variance around.
+    const REACH: i64 = 20;
     let Some((_gpu, card)) = card() else { return };
     let odd = [
         f32::NAN,
@@ -288,7 +290,7 @@ fn what_is_no_number_never_comes_out() {
                         .into_iter()
                         .zip([22, 25])
                         .fold([0; 2], |[_, last], (at, middle)| [last, (at - middle).abs()]);
-                    assert!(dy.max(dx) <= 16 || with == without, "plane {plane}, {value}: pixel {pixel}");
+                    assert!(dy.max(dx) <= REACH || with == without, "plane {plane}, {value}: pixel {pixel}");
                 }
             }
         }

@@ -175,6 +175,12 @@ impl<'a> Twin<'a> {
                 let Some(there) = self.beside(own, down, across, step) else { continue };
                 let difference = self.difference(&pixels[own], &pixels[there]);
                 let surface = self.apart(own, there, down, across, step);
+                let per_there = self.per_difference(pixels, there);
+                let per = Between {
+                    least: per.least.max(per_there.least),
+                    value: per.value.max(per_there.value),
+                    most: per.most.max(per_there.most),
+                };
                 let apart = Between {
                     least: surface.least + (difference.value - difference.off).max(0.0) * per.least,
                     value: surface.value + difference.value * per.value,
