@@ -1,4 +1,4 @@
-// One level of the noise filter: pixels so many apart are joined, each with the other by the same weight. Twin of `Joined`.
+// One level of the noise filter: pixels so many apart are joined. Twin of `Joined`.
 
 /// One plane: what differences of light are multiplied by.
 @group(0) @binding(4) var<storage, read> per_differences: array<f32>;
@@ -15,7 +15,7 @@ fn joined(
     }
     let own = own_at(pixel.x, pixel.y);
     let rgb = light_at(pixel.x, pixel.y);
-    let per_difference = per_differences[place_of(pixel.x, pixel.y, 1u)];
+    let per_own = per_differences[place_of(pixel.x, pixel.y, 1u)];
     var sum = rgb * OWN_WEIGHT;
     var variance = variance_at(pixel.x, pixel.y) * OWN_WEIGHT * OWN_WEIGHT;
     var weights = OWN_WEIGHT;
@@ -26,7 +26,7 @@ fn joined(
         }
         let light_there = light_at(there.row, there.column);
         let per_there = per_differences[place_of(there.row, there.column, 1u)];
-        let differs = luminance_of(abs(rgb - light_there)) * max(per_difference, per_there);
+        let differs = luminance_of(abs(rgb - light_there)) * max(per_own, per_there);
         let weight = weight_of(apart_from(own, there) + differs) * there.weight;
         sum += weight * light_there;
         variance += weight * weight * variance_at(there.row, there.column);

@@ -115,7 +115,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("TONE_AGX", Constant::U32(3)),
     ("ALBEDO_LEAST", Constant::F32(0.01)),
     ("DEPTH_APART", Constant::F32(0.02)),
-    ("DEVIATIONS", Constant::F32(2.0)),
+    ("DEVIATIONS", Constant::F32(2.25)),
     ("PER_NORMAL", Constant::F32(25.0)),
     ("PER_ALBEDO", Constant::F32(100.0)),
     ("SLOPE", Constant::F32(1.5)),

@@ -50,7 +50,7 @@ pub(crate) const ALBEDO_LEAST: f32 = 0.01;
 pub(crate) const SURFACE_MAX: f32 = 1e30;
 /// Share of a pixel's variance that stays beside what its weights say: they are told by the noise itself, and a pixel that is far off by
 /// chance keeps to itself. On an evenly lit sheet 8 to 9 % are left, of 4 to 64 samples, where fixed weights would leave 1; of 2, whose
-/// variance is taken for more, 5 %.
+/// variance is taken for more, 5 to 6 %.
 const KEPT: f64 = 0.074;
 
 /// What the filter makes of a film.

@@ -156,8 +156,8 @@ impl DenoiseOnCard {
     /// [`Unjoined::joined`] of light alone, and the seconds that took on the card.
     fn joined(&self, unjoined: &Unjoined<'_>, begin: Begin) -> Result<(Planes, Option<f64>), GpuError> {
         let (rows, stride) = (unjoined.light.rows(), unjoined.light.stride());
-        // Rows that a pixel depends on, on either side: one for what is known better, then at each level those that it joins, and one more for
-        // the variance around those.
+        // Rows that a pixel depends on, on either side: one for what is known better, then at each level those that it joins, and one
+        // more for the variance around those.
         let reach = (1 << unjoined.levels) + unjoined.levels;
         let rows_at_once = (self.pixels_at_once / stride).saturating_sub(2 * reach).max(1);
         let mut numbers = Vec::with_capacity(rows * ALONE * stride);

@@ -4,7 +4,8 @@ use fearless_simd::{Simd, SimdBase, SimdFloat, f32x8};
 
 use super::planes::{MARGIN, OfEight, Planes};
 
-/// Standard deviations, of the better known of two pixels, at which light differs by as much as surfaces do below.
+/// Standard deviations, of the better known of two pixels, at which light differs by as much as surfaces do below. At 2, 12 % of the noise on
+/// an even sheet is left; at 2.9 more light goes into shadows.
 const DEVIATIONS: f32 = 2.25;
 /// Differences of unit normals, of depths as a share, and of albedos, at which surfaces count as others: weights are e times less.
 const NORMAL: f32 = 0.2;
@@ -226,8 +227,8 @@ impl OfEight<1> for PerDifference<'_> {
     }
 }
 
-/// One level: pixels so many apart are joined, each with the other by the same weight, which is what the better known of them allows. By
-/// its own deviations alone a pixel that found rare light took in those around that found none, and they nothing of it: light was lost.
+/// One level: pixels so many apart are joined. How far light may differ is one for both of two: what the better known of them allows. By its
+/// own deviations alone a pixel that found rare light took in those around that found none, and they nothing of it: light was lost.
 pub(super) struct Joined<'a> {
     pub(super) surfaces: &'a Planes,
     pub(super) light: &'a Planes,
@@ -242,7 +243,7 @@ impl<const PLANES: usize> OfEight<PLANES> for Joined<'_> {
         let last = PLANES - 1;
         let surface = Own::of(simd, surfaces, y, x);
         let own: [f32x8<S>; PLANES] = planes_at(simd, light, y, MARGIN + x);
-        let per_difference = per_differences.eight(simd, y, 0, MARGIN + x);
+        let per_own = per_differences.eight(simd, y, 0, MARGIN + x);
         let own_weight = f32x8::splat(simd, OWN_WEIGHT);
         let mut sums = own;
         for sums in &mut sums {
@@ -255,10 +256,9 @@ impl<const PLANES: usize> OfEight<PLANES> for Joined<'_> {
             let there: [f32x8<S>; PLANES] = planes_at(simd, light, beside.row, beside.column + x);
             let differences =
                 [(own[0] - there[0]).abs(), (own[1] - there[1]).abs(), (own[2] - there[2]).abs()];
-            let per_difference =
-                per_difference.max(per_differences.eight(simd, beside.row, 0, beside.column + x));
+            let per_there = per_differences.eight(simd, beside.row, 0, beside.column + x);
             let apart = surface.apart_from(simd, surfaces, &beside, x)
-                + luminance_of(simd, differences) * per_difference;
+                + luminance_of(simd, differences) * per_own.max(per_there);
             let of_others = weight_of(apart) * f32x8::splat(simd, beside.weight);
             for (sums, there) in sums[..last].iter_mut().zip(there) {
                 *sums += of_others * there;

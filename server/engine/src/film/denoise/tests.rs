@@ -198,7 +198,8 @@ fn lamps_in_glosses_are_smoothed_and_lamps_are_not() {
     assert!(layer.iter().zip(&image).all(|(layer, all)| (layer.g - all.g).abs() <= 1e-5 * all.g));
 }
 
-/// Most of the light that one sample in forty finds is smoothed and not lost: a pixel that found it gives as those around take.
+/// Most of the light that one sample in forty finds is smoothed and not lost: a pixel that found it gives as those around take. Weights add up
+/// to less around it, so that not all is kept: 0.78, 0.82 and 0.96; by each pixel's own deviations 0.62, 0.71 and 0.91.
 #[test]
 fn rare_light_is_not_lost() {
     for (passes, least) in [(4, 0.75), (8, 0.8), (32, 0.94)] {
@@ -214,23 +215,6 @@ fn rare_light_is_not_lost() {
         let [raw, left] = [&before, &after].map(|image| squared_error(image, 0..WIDTH, 1.05));
         assert!(left < 0.4 * raw, "{passes} passes: {left} of {raw}");
     }
-}
-
-/// What has no noise keeps to itself, and what lies beside it and has much is not made darker by it.
-#[test]
-fn what_is_known_and_what_is_not_are_not_mixed() {
-    let film = film_of(size(), 8, |x, y, pass| {
-        let found = if x < WIDTH / 2 { noise(x, y, pass) * noise(y, x, pass) } else { 0.1 };
-        sheet(found)
-    });
-    let image = denoised(&film);
-    let mean = |columns: Range<u32>| {
-        let of = |x: u32| (0..HEIGHT).map(|y| f64::from(image[(y * WIDTH + x) as usize].g)).sum::<f64>();
-        columns.clone().map(of).sum::<f64>() / f64::from(HEIGHT * columns.len() as u32)
-    };
-    let (noisy, known) = (mean(WIDTH / 2 - 8..WIDTH / 2), mean(WIDTH / 2 + 2..WIDTH));
-    assert!((noisy - 1.0).abs() < 0.05, "{noisy} for 1");
-    assert!((known - 0.1).abs() < 1e-3, "{known} for 0.1");
 }
 
 /// Two colours of one luminance are two colours.

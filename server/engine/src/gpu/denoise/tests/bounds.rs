@@ -167,19 +167,20 @@ impl<'a> Twin<'a> {
     }
 
     fn join(&self, pixels: &Pixels, step: usize) -> Pixels {
+        let per_differences: Vec<Between> =
+            (0..self.count()).map(|pixel| self.per_difference(pixels, pixel)).collect();
         let of_pixel = |own: usize| {
-            let per = self.per_difference(pixels, own);
             let own_weight = Known { value: (self.number)("OWN_WEIGHT"), off: 0.0 };
             let mut around = vec![(own_weight, &pixels[own])];
             for (down, across, first_weight) in others() {
                 let Some(there) = self.beside(own, down, across, step) else { continue };
                 let difference = self.difference(&pixels[own], &pixels[there]);
                 let surface = self.apart(own, there, down, across, step);
-                let per_there = self.per_difference(pixels, there);
+                let [per_own, per_there] = [&per_differences[own], &per_differences[there]];
                 let per = Between {
-                    least: per.least.max(per_there.least),
-                    value: per.value.max(per_there.value),
-                    most: per.most.max(per_there.most),
+                    least: per_own.least.max(per_there.least),
+                    value: per_own.value.max(per_there.value),
+                    most: per_own.most.max(per_there.most),
                 };
                 let apart = Between {
                     least: surface.least + (difference.value - difference.off).max(0.0) * per.least,
