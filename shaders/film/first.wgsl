@@ -16,13 +16,17 @@ struct FirstPass {
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 
 /// Words of a sample, of light of a class in it, and where the rest stands.
-const SAMPLE_WORDS: u32 = 20u;
+const SAMPLE_WORDS: u32 = 24u;
 const CLASS_WORDS: u32 = 4u;
 const DEPTH_WORD: u32 = 3u;
 /// Of red; of the others as much further on as light of the next class.
 const ALBEDO_WORD: u32 = 7u;
 const NORMAL_WORD: u32 = 16u;
 const SHINING_WORD: u32 = 19u;
+/// What is seen beyond mirrors and clear glass: bytes of its normal, the last of which says whether it is noted, after its albedo.
+const BEYOND_WORD: u32 = 20u;
+const BEYOND_NORMAL_WORD: u32 = 23u;
+const IS_NOTED: u32 = 0xff000000u;
 
 const EMITTED: u32 = 0u;
 const CLASS_COUNT: u32 = 4u;
@@ -74,7 +78,16 @@ fn is_sound(at: u32) -> bool {
             return false;
         }
     }
+    for (var channel = 0u; channel < 3u; channel++) {
+        if notes_beyond(at) && !is_at_least_zero(samples[at + BEYOND_WORD + channel]) {
+            return false;
+        }
+    }
     return is_at_least_zero(samples[at + DEPTH_WORD]);
+}
+
+fn notes_beyond(at: u32) -> bool {
+    return (samples[at + BEYOND_NORMAL_WORD] & IS_NOTED) != 0u;
 }
 
 fn nothing_seen() -> FirstSeen {
@@ -120,6 +133,15 @@ fn first_seen(pixel: u32) -> FirstSeen {
             bitcast<f32>(samples[at + NORMAL_WORD + 1u]),
             bitcast<f32>(samples[at + NORMAL_WORD + 2u]),
         ));
+    }
+    if notes_beyond(at) {
+        let of_beyond = vec3f(
+            bitcast<f32>(samples[at + BEYOND_WORD]),
+            bitcast<f32>(samples[at + BEYOND_WORD + 1u]),
+            bitcast<f32>(samples[at + BEYOND_WORD + 2u]),
+        );
+        seen.albedo = min(of_beyond, vec3f(SURFACE_MAX));
+        seen.normal = unit_or_zero(unpack4x8snorm(samples[at + BEYOND_NORMAL_WORD]).xyz);
     }
     return seen;
 }

@@ -12,6 +12,9 @@ struct PixelSample {
     albedo_blue: f32,
     normal: vec3f,
     is_shining: u32,
+    beyond_albedo: vec3f,
+    /// Signed bytes of 127; the last is nothing where nothing is noted.
+    beyond_normal: u32,
 }
 
 @group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
@@ -32,6 +35,12 @@ fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f
     samples[slot].albedo_blue = albedo.z;
     samples[slot].normal = n;
     samples[slot].depth_m = max(dot(pass_header.origin - position, pass_header.back), 0.0);
+}
+
+/// Takes note of what is seen beyond mirrors and clear glass.
+fn note_beyond(slot: u32, albedo: vec3f, n: vec3f) {
+    samples[slot].beyond_albedo = albedo;
+    samples[slot].beyond_normal = pack4x8snorm(vec4f(n, 1.0));
 }
 
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {

@@ -26,6 +26,9 @@ fn note_first(slot: u32, albedo: vec3f, n: vec3f, position: vec3f, distance_m: f
 /// Of rays nobody asks that.
 fn note_shining(slot: u32) {}
 
+/// Nor that.
+fn note_beyond(slot: u32, albedo: vec3f, n: vec3f) {}
+
 fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
     if ((pass_header.brought >> class_of_light) & 1u) != 0u {
         samples[slot].radiance += radiance;

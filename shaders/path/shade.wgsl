@@ -3,13 +3,15 @@
 //
 // Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. Where `SHADOWS_KNOWN`, what lies
 // near the first diffuse surface from the eye shadows what is known of the light there, and is looked at. What a path passed
-// is a word: bits 0 and 1 as below, from bit 2 up how many surfaces it looked past.
+// is a word: bits 0 to 2 as below, from bit 3 up how many surfaces it looked past.
 
 /// The first diffuse surface was too near to be answered for, or what lies near it is looked at.
 const IS_NEAR: u32 = 1u;
 /// A mirror or glass has sent the path on since.
 const IS_BY_MIRRORS: u32 = 2u;
-const NEAR_COUNT_SHIFT: u32 = 2u;
+/// Some surface was neither a mirror nor clear glass, or glass did not let the path straight through.
+const IS_CLOUDED: u32 = 4u;
+const NEAR_COUNT_SHIFT: u32 = 3u;
 
 /// Those of classes that are asked for; all; those of other lobes than the diffuse one.
 const FOLLOWED_WANTED: u32 = 0u;
@@ -41,6 +43,8 @@ fn advance(slot: u32) -> bool {
     if hit.instance == NO_INDEX {
         if path.bounce == 0u {
             note_shining(slot);
+        } else if (passing & IS_CLOUDED) == 0u {
+            note_beyond(slot, path.throughput, -path.direction);
         }
         if !is_beyond_mirrors && !has_gathered(path, 2u) {
             add_environment(slot, path);
@@ -52,12 +56,14 @@ fn advance(slot: u32) -> bool {
         path.medium = surface.inside;
     }
     path.throughput *= transmittance(path.medium, hit.t);
+    let albedo = albedo_of(surface.bsdf) + surface.unlit;
     if path.bounce == 0u {
-        let albedo = albedo_of(surface.bsdf) + surface.unlit;
         note_first(slot, albedo, surface.frame.n, surface.point.position, hit.t);
         if any(surface.emitted + surface.unlit > vec3f(0.0)) {
             note_shining(slot);
         }
+    } else if (passing & IS_CLOUDED) == 0u && !is_clear(surface.bsdf) {
+        note_beyond(slot, path.throughput * albedo, surface.frame.n);
     }
     if !is_beyond_mirrors {
         add_emission(slot, path, hit, surface);
@@ -305,7 +311,9 @@ fn scatter(
     (*path).last_pdf = drawn.pdf_solid_angle;
     (*path).last_position = surface.point.position;
     (*path).last_n = select(surface.frame.n, -surface.frame.n, dot(wo, surface.frame.n) < 0.0);
-    if HAS_GLASS && wo_local.z * drawn.wi.z < 0.0 {
+    let passes_through = wo_local.z * drawn.wi.z < 0.0;
+    let stays_clear = is_clear(surface.bsdf) && (passes_through || surface.bsdf.kind != GLASS);
+    if HAS_GLASS && passes_through {
         (*path).medium = select(0u, surface.inside, drawn.wi.z < 0.0);
     }
     (*path).origin = origin_towards(surface.point, wi);
@@ -324,7 +332,9 @@ fn scatter(
         }
         (*path).throughput *= 1.0 / survival;
     }
-    (*path).passing = (passing & ~IS_BY_MIRRORS) | select(0u, IS_BY_MIRRORS, drawn.is_specular);
+    (*path).passing = (passing & ~IS_BY_MIRRORS)
+        | select(0u, IS_BY_MIRRORS, drawn.is_specular)
+        | select(IS_CLOUDED, 0u, stays_clear);
     if drawn.is_specular {
         (*path).lost_m = 0.0;
     }

@@ -305,6 +305,11 @@ fn has_density(bsdf: Bsdf) -> bool {
     }
 }
 
+/// Nothing is seen of it but what it mirrors or what lies behind it.
+fn is_clear(bsdf: Bsdf) -> bool {
+    return bsdf.kind != BLACK && !has_density(bsdf);
+}
+
 fn has_diffuse(bsdf: Bsdf) -> bool {
     return bsdf.kind == LAMBERT || bsdf.kind == GLTF && !is_black(bsdf.color) || bsdf.kind == GLASS && has_density(bsdf);
 }

@@ -219,6 +219,7 @@ mod tests {
                     normal: glam::Vec3::NEG_Y,
                     depth_m: 1.0 + x as f32,
                     is_shining: false,
+                    beyond: None,
                 });
             }
         }

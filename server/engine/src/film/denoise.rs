@@ -1,5 +1,5 @@
 //! Taking noise off a film of looked-up light: each pixel's light is joined with that of pixels around that show the same
-//! surface and differ by no more than their noise.
+//! surface and differ by no more than their noise. Of mirrors and clear glass it is the surface that is seen in them or through them.
 //!
 //! An à-trous filter [Dammertz2010], guided by the variance of the samples [Schied2017]: levels of 3 × 3 pixels, twice as far
 //! apart from level to level. What is filtered is light over albedo, so that textures stay; light seen straight from emitters is left
@@ -32,7 +32,7 @@ pub(crate) use self::{
     planes::{MARGIN, stride_of},
 };
 use super::{
-    Film,
+    Beyond, Film, Tile,
     pixel::{Held, Pixel},
 };
 use crate::{math::Rgb, transport::PathClass};
@@ -155,8 +155,10 @@ struct Seen {
     variance: f64,
     /// Emitters are seen straight, if only in a part of the pixel.
     is_shining: bool,
+    /// Of the first surface, or of what is seen beyond a mirror or glass.
     albedo: Rgb,
     normal: Vec3,
+    /// Of the first surface.
     depth_m: f32,
 }
 
@@ -172,7 +174,8 @@ impl Seen {
     };
 
     /// - `has_caustics`: the film shows some, which may spread by far more than themselves
-    fn of(pixel: &Pixel, held: Held, class: Option<PathClass>, has_caustics: bool) -> Seen {
+    fn of(tile: &Tile, pixel_index: usize, class: Option<PathClass>, has_caustics: bool) -> Seen {
+        let (pixel, held): (&Pixel, Held) = (&tile.pixels[pixel_index], tile.held());
         let sum = |classes: &[PathClass]| -> Rgb {
             let mut sum = [0.0; 3];
             for class in classes {
@@ -193,13 +196,17 @@ impl Seen {
         // Of a single sample, which may have found nothing, that is not known.
         let is_known = !has_caustics && held.fewest() >= 2;
         let own = (0.5 * spread).min(if is_known { looked_up.powi(2) } else { f64::INFINITY });
+        let surface = tile.beyond(pixel_index).unwrap_or_else(|| Beyond {
+            albedo: pixel.albedo_sum / held.passes as f32,
+            normal: pixel.normal_sum.normalize_or_zero(),
+        });
         Seen {
             light: sum(&light),
             carried: class.filter(|class| filtered(*class)).map_or(Rgb::BLACK, |class| sum(&[class])),
             variance: (spread - own) / passes + own / fewest,
             is_shining,
-            albedo: (pixel.albedo_sum / held.passes as f32).map(|channel| channel.min(SURFACE_MAX)),
-            normal: pixel.normal_sum.normalize_or_zero(),
+            albedo: surface.albedo.map(|channel| channel.min(SURFACE_MAX)),
+            normal: surface.normal,
             depth_m: pixel.depth_mean_m().min(SURFACE_MAX),
         }
     }
@@ -231,7 +238,8 @@ impl Filter {
         let has_caustics = film.has_any(|pixel, held| {
             pixel.class_mean(PathClass::Caustic, held).iter().any(|light| *light != 0.0)
         });
-        let seen = film.image(Seen::NOTHING, |pixel, held| Seen::of(pixel, held, class, has_caustics));
+        let seen =
+            film.image_by_tiles(Seen::NOTHING, |tile, index| Seen::of(tile, index, class, has_caustics));
         let lights = seen.par_iter().with_min_len(PIXELS_TOGETHER).map(|seen| seen.light.max_component());
         let brightest = lights.reduce(|| 0.0, f32::max);
         let scale = (-f64::from(brightest.max(f32::MIN_POSITIVE)).log2().ceil()).exp2();

@@ -32,13 +32,13 @@ pub(crate) use picture::TracedPart;
 #[cfg(feature = "gpu")]
 pub(crate) use picture::Weights;
 pub use picture::{Picture, PictureParts};
-pub use pixel::PixelSample;
+pub use pixel::{Beyond, PixelSample};
 pub use tile::{TILE_SIDE, Tile};
 pub use tone_map::{Display, ToneMap, UnknownToneMap};
 #[cfg(feature = "gpu")]
 pub(crate) use tone_map::{Fit, RADIANCE_MAX};
 
-use pixel::{Held, Pixel, SECONDARY};
+use pixel::{BeyondSums, Held, Pixel, SECONDARY};
 
 /// Width and height of a picture in pixels, each in 1 ..= [`PictureSize::SIDE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -117,6 +117,8 @@ impl Film {
     /// are summed in single precision: they are bounded or all of one size within a pixel, and 10⁵
     /// passes leave them right to 1 ‰ (tested).
     pub const BYTES_PER_PIXEL: usize = size_of::<Pixel>();
+    /// Memory of one pixel more, in tiles where something is seen in mirrors or through clear glass.
+    pub const BYTES_BEYOND: usize = size_of::<BeyondSums>();
 
     /// A film without samples.
     pub fn new(size: PictureSize) -> Film {
@@ -173,7 +175,8 @@ impl Film {
 
     /// Memory of the film.
     pub fn bytes(&self) -> usize {
-        self.size.pixel_count() * Self::BYTES_PER_PIXEL + self.tiles.len() * size_of::<Tile>()
+        let beyond: usize = self.tiles.iter().map(Tile::beyond_bytes).sum();
+        self.size.pixel_count() * Self::BYTES_PER_PIXEL + self.tiles.len() * size_of::<Tile>() + beyond
     }
 
     /// Radiance of all path classes together, W/(m² sr); black where no pass has run.
@@ -234,17 +237,22 @@ impl Film {
 
     /// One value per pixel, from tiles to rows; `empty` where no pass has run.
     fn image<T: Copy + Send>(&self, empty: T, value: impl Fn(&Pixel, Held) -> T + Sync) -> Vec<T> {
+        self.image_by_tiles(empty, |tile, index| value(&tile.pixels[index], tile.held()))
+    }
+
+    /// The same, by tiles and indices of pixels in them.
+    fn image_by_tiles<T: Copy + Send>(&self, empty: T, value: impl Fn(&Tile, usize) -> T + Sync) -> Vec<T> {
         let width = self.size.width as usize;
         let mut image = vec![empty; self.size.pixel_count()];
         let columns = self.size.width.div_ceil(TILE_SIDE) as usize;
         let rows = image.par_chunks_mut(width * TILE_SIDE as usize);
         rows.zip(self.tiles.par_chunks(columns)).for_each(|(rows, tiles)| {
             for tile in tiles.iter().filter(|tile| tile.passes() > 0) {
-                let (left, size) = (tile.origin().x as usize, tile.size());
-                let pixels = tile.pixels.chunks_exact(size.x as usize);
-                for (to, row) in rows.chunks_exact_mut(width).zip(pixels) {
-                    for (to, pixel) in to[left..].iter_mut().zip(row) {
-                        *to = value(pixel, tile.held());
+                let (left, columns) = (tile.origin().x as usize, tile.size().x as usize);
+                let firsts = (0..tile.pixels.len()).step_by(columns);
+                for (to, first) in rows.chunks_exact_mut(width).zip(firsts) {
+                    for (to, index) in to[left..].iter_mut().zip(first..first + columns) {
+                        *to = value(tile, index);
                     }
                 }
             }

@@ -18,6 +18,18 @@ pub struct PixelSample {
     /// The first hit shines by itself, or nothing was hit: light of [`PathClass::Emitted`] comes straight from there. Else it is seen in
     /// a mirror, through glass or in a gloss.
     pub is_shining: bool,
+    /// What is seen in mirrors or through clear glass, where the first hit is one.
+    pub beyond: Option<Beyond>,
+}
+
+/// The first surface that is neither a mirror nor clear glass, seen by way of those alone: reflected by mirrors, straight through glass. What
+/// is around the scene counts as one that faces the ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beyond {
+    /// Share of light that it reflects in total and that comes from there to the eye.
+    pub albedo: Rgb,
+    /// Its shading normal in the world, unit.
+    pub normal: Vec3,
 }
 
 impl PixelSample {
@@ -28,6 +40,7 @@ impl PixelSample {
         normal: Vec3::ZERO,
         depth_m: 0.0,
         is_shining: false,
+        beyond: None,
     };
 
     /// True when a film can take it: finite and not negative; and radiance so far below the largest float
@@ -36,10 +49,12 @@ impl PixelSample {
         let limit = f32::MAX / PathClass::COUNT as f32;
         let radiance_is_sound =
             |colour: &Rgb| colour.is_non_negative() && colour.to_array().iter().all(|value| *value <= limit);
+        let albedo_is_sound = |albedo: &Rgb| albedo.is_finite() && albedo.is_non_negative();
+        let beyond_is_sound = |beyond: Beyond| albedo_is_sound(&beyond.albedo) && beyond.normal.is_finite();
         self.radiance.iter().all(radiance_is_sound)
-            && self.albedo.is_finite()
-            && self.albedo.is_non_negative()
+            && albedo_is_sound(&self.albedo)
             && self.normal.is_finite()
+            && self.beyond.is_none_or(beyond_is_sound)
             && self.depth_m.is_finite()
             && self.depth_m >= 0.0
     }
@@ -103,6 +118,30 @@ pub(super) struct Pixel {
     pub(super) normal_sum: Vec3,
     depth_sum_m: f32,
     first_hits: FirstHits,
+}
+
+/// Sums over the samples of one pixel that note what is [`Beyond`].
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct BeyondSums {
+    albedo: Rgb,
+    normal: Vec3,
+    count: u32,
+}
+
+impl BeyondSums {
+    pub(super) fn add(&mut self, beyond: Beyond) {
+        self.albedo += beyond.albedo;
+        self.normal += beyond.normal;
+        self.count += 1;
+    }
+
+    /// Of those samples, where they are half of a pixel's `passes` or more; the normal is zero where theirs leave none.
+    pub(super) fn mean(&self, passes: u32) -> Option<Beyond> {
+        (self.count > 0 && self.count >= passes.div_ceil(2)).then(|| Beyond {
+            albedo: self.albedo / self.count as f32,
+            normal: self.normal.normalize_or_zero(),
+        })
+    }
 }
 
 /// What samples met first, in four bytes: how many met anything, and whether any met what shines by itself or saw past all.

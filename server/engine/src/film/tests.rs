@@ -224,12 +224,18 @@ fn broken_samples_are_dropped_and_counted() {
     }
     pass(&mut film, |_, _, _| PixelSample { depth_m: f32::NAN, ..grey(4.0) });
     pass(&mut film, |_, _, _| PixelSample { normal: Vec3::NAN, ..grey(4.0) });
-    assert_eq!(film.dropped_samples(), 12);
-    for _ in 0..12 {
+    let beyond = Beyond { albedo: Rgb::WHITE, normal: Vec3::X };
+    for broken in [Beyond { albedo: Rgb::splat(f32::NAN), ..beyond }, Beyond { normal: Vec3::NAN, ..beyond }]
+    {
+        pass(&mut film, |_, _, _| PixelSample { beyond: Some(broken), ..grey(4.0) });
+    }
+    assert_eq!(film.dropped_samples(), 14);
+    assert_eq!(film.tiles()[0].beyond(0), None);
+    for _ in 0..14 {
         pass(&mut film, |_, _, _| grey(2.0));
     }
     assert_eq!(film.radiance(), [Rgb::splat(1.0)]);
-    assert_eq!(film.dropped_samples(), 12);
+    assert_eq!(film.dropped_samples(), 14);
 }
 
 /// The measured relMSE is on average the true one, for even and odd numbers of passes, also while most pixels
@@ -383,6 +389,40 @@ fn a_pixel_takes_160_bytes() {
     let held: usize = film.tiles().iter().map(|tile| tile.pixels.capacity() * size_of::<Pixel>()).sum();
     assert_eq!(held, 100 * 100 * 160);
     assert!(film.bytes() >= held && film.bytes() < held + held / 100);
+}
+
+/// What is beyond mirrors is the mean of the samples that note it, where those are half of all; it takes memory in tiles that have any.
+#[test]
+fn what_is_beyond_is_a_mean_of_half_the_samples_or_more() {
+    let mut film = film(40, 16);
+    let without = film.bytes();
+    for count in 1..=5 {
+        // In the first tile alone; the second pixel from the third pass on, the third in every other.
+        pass(&mut film, |x, y, p| {
+            let is_noted = match (x, y) {
+                (0, 0) => true,
+                (1, 0) => p >= 2,
+                (2, 0) => p % 2 == 1,
+                _ => false,
+            };
+            let albedo = Rgb::splat(p as f32);
+            let beyond = Beyond { albedo, normal: if p == 0 { Vec3::X } else { Vec3::Y } };
+            PixelSample { beyond: is_noted.then_some(beyond), ..grey(1.0) }
+        });
+        let found = [0, 1, 2, 3].map(|index| film.tiles()[0].beyond(index).map(|beyond| beyond.albedo.r));
+        let expected = match count {
+            1 => [Some(0.0), None, None, None],
+            2 => [Some(0.5), None, Some(1.0), None],
+            3 => [Some(1.0), None, None, None],
+            4 => [Some(1.5), Some(2.5), Some(2.0), None],
+            _ => [Some(2.0), Some(3.0), None, None],
+        };
+        assert_eq!(found, expected, "{count}");
+    }
+    let normal = film.tiles()[0].beyond(0).unwrap().normal;
+    assert!(normal.distance(Vec3::new(1.0, 4.0, 0.0).normalize()) < 1e-6, "{normal}");
+    assert_eq!(film.bytes(), without + 16 * 16 * Film::BYTES_BEYOND);
+    assert_eq!(film.albedo()[0], grey(1.0).albedo);
 }
 
 /// After light was replaced the noise is that of the passes since, whatever was there before, and of odd counts too.

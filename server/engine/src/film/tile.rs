@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 
-use super::{Held, Outdated, PictureSize, Pixel, PixelSample, SECONDARY};
+use super::{Beyond, BeyondSums, Held, Outdated, PictureSize, Pixel, PixelSample, SECONDARY};
 use crate::transport::PathClass;
 
 /// Side of a tile in pixels. 16 × 16 pixels × 160 bytes = 40 KB stay in a core's second cache, and a
@@ -27,6 +27,8 @@ pub struct Tile {
     outdated: [Option<u32>; SECONDARY.len()],
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
+    /// Pixel by pixel; none until some sample notes what is beyond a mirror or glass.
+    beyond: Vec<BeyondSums>,
 }
 
 impl Tile {
@@ -44,6 +46,7 @@ impl Tile {
             outdated: [None; SECONDARY.len()],
             dropped_samples: 0,
             pixels,
+            beyond: Vec::new(),
         }
     }
 
@@ -92,6 +95,18 @@ impl Tile {
         }
     }
 
+    /// What most samples of a pixel see beyond mirrors and clear glass.
+    ///
+    /// - `pixel_index`: row by row
+    pub(super) fn beyond(&self, pixel_index: usize) -> Option<Beyond> {
+        self.beyond.get(pixel_index)?.mean(self.passes)
+    }
+
+    /// Memory of what is beyond.
+    pub(super) fn beyond_bytes(&self) -> usize {
+        self.beyond.len() * size_of::<BeyondSums>()
+    }
+
     /// Samples that were not finite or negative, and count as black.
     pub fn dropped_samples(&self) -> u64 {
         self.dropped_samples
@@ -104,15 +119,22 @@ impl Tile {
     pub fn add_pass(&mut self, mut sample: impl FnMut(u32, u32) -> PixelSample) {
         self.forget_outdated();
         let held = self.held();
-        let mut pixels = self.pixels.iter_mut();
+        let pixel_count = self.pixels.len();
+        let mut pixels = self.pixels.iter_mut().enumerate();
         for y in self.origin.y..self.origin.y + self.size.y {
-            for (x, pixel) in (self.origin.x..self.origin.x + self.size.x).zip(&mut pixels) {
+            for (x, (index, pixel)) in (self.origin.x..self.origin.x + self.size.x).zip(&mut pixels) {
                 let mut taken = sample(x, y);
                 if !taken.is_sound() {
                     self.dropped_samples += 1;
                     taken = PixelSample::BLACK;
                 }
                 pixel.add(&taken, held);
+                if let Some(beyond) = taken.beyond {
+                    if self.beyond.is_empty() {
+                        self.beyond = vec![BeyondSums::default(); pixel_count];
+                    }
+                    self.beyond[index].add(beyond);
+                }
             }
         }
         self.passes += 1;

@@ -133,9 +133,8 @@ impl RenderSettings {
             Some(Learnt::Records) => IrradianceCache::BYTES_PER_PIXEL,
             _ => 0,
         };
-        films * pixel_count * (Film::BYTES_PER_PIXEL + self.backend.bytes_per_pixel())
-            + pixel_count * (laid_out + denoising)
-            + if maps > 0 { light } else { 0 }
+        let film = Film::BYTES_PER_PIXEL + Film::BYTES_BEYOND + self.backend.bytes_per_pixel();
+        films * pixel_count * film + pixel_count * (laid_out + denoising) + if maps > 0 { light } else { 0 }
     }
 
     /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.

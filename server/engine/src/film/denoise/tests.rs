@@ -2,7 +2,7 @@ use std::ops::Range;
 
 use super::*;
 use crate::{
-    film::{Film, Outdated, Picture, PictureSize, PixelSample},
+    film::{Beyond, Film, Outdated, Picture, PictureSize, PixelSample},
     math::sobol::PixelSampler,
 };
 
@@ -86,11 +86,24 @@ fn light_stays_on_its_surface() {
     let turned = |sample: &mut PixelSample| sample.normal = Vec3::X;
     let farther = |sample: &mut PixelSample| sample.depth_m = 2.4;
     let darker = |sample: &mut PixelSample| sample.albedo = Rgb::splat(0.1);
+    // In mirrors too, which are one surface themselves.
+    let mirrored = Beyond { albedo: Rgb::splat(0.4), normal: Vec3::Y };
+    let turned_beyond =
+        |sample: &mut PixelSample| sample.beyond = Some(Beyond { normal: Vec3::X, ..mirrored });
+    let darker_beyond =
+        |sample: &mut PixelSample| sample.beyond = Some(Beyond { albedo: Rgb::splat(0.1), ..mirrored });
     type Edge<'a> = &'a dyn Fn(&mut PixelSample);
-    for (name, edge) in [("normal", &turned as Edge<'_>), ("depth", &farther), ("albedo", &darker)] {
+    for (name, beyond, edge) in [
+        ("normal", None, &turned as Edge<'_>),
+        ("depth", None, &farther),
+        ("albedo", None, &darker),
+        ("normal in a mirror", Some(mirrored), &turned_beyond),
+        ("albedo in a mirror", Some(mirrored), &darker_beyond),
+    ] {
         let film = film_of(size(), 2, |x, y, pass| {
             let is_other = x >= WIDTH / 2;
-            let mut sample = sheet(noise(x, y, pass) * if is_other { 0.2 } else { 1.0 });
+            let light = sheet(noise(x, y, pass) * if is_other { 0.2 } else { 1.0 });
+            let mut sample = PixelSample { beyond, ..light };
             if is_other {
                 edge(&mut sample);
             }

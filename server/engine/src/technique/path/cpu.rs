@@ -1,6 +1,7 @@
 //! One path at a time.
 
 mod light;
+mod noted;
 #[cfg(feature = "gpu")]
 mod underway;
 
@@ -117,6 +118,8 @@ struct Path<'a> {
     /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
     /// and after a diffuse one.
     since_gathered: u32,
+    /// It met nothing but mirrors and clear glass so far, and went straight through that.
+    is_clear: bool,
     /// What its first ray met.
     seen: Option<Seen<'a>>,
     sampler: &'a PixelSampler,
@@ -186,6 +189,7 @@ impl Tracer<'_> {
             near_count: 0,
             is_by_mirrors: false,
             since_gathered: 0,
+            is_clear: true,
             seen,
             sampler,
         };
@@ -234,7 +238,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) -> bool {
         let Some(hit) = met else {
-            sample.is_shining |= path.bounce == 0;
+            path.note_miss(sample);
             if !path.is_beyond_mirrors() && !self.has_gathered(path, 2) {
                 self.add_environment(path, sample);
             }
@@ -253,12 +257,7 @@ impl Tracer<'_> {
         if let Some(medium) = &path.medium {
             path.throughput *= medium.transmittance(hit.t);
         }
-        if path.bounce == 0 {
-            sample.albedo = surface.bsdf.albedo() + surface.unlit;
-            sample.normal = surface.frame.n;
-            sample.is_shining = !(surface.emitted + surface.unlit).is_black();
-            sample.depth_m = self.view.map_or(0.0, |view| view.depth_m(surface.point.position));
-        }
+        self.note_surface(path, &surface, sample);
         if !path.is_beyond_mirrors() {
             self.add_emission(path, &hit, &surface, sample);
         }
@@ -452,7 +451,10 @@ impl Tracer<'_> {
             n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
             pdf_solid_angle,
         });
-        if wo_local.z * drawn.wi.z < 0.0 {
+        let passes_through = wo_local.z * drawn.wi.z < 0.0;
+        path.is_clear &=
+            surface.bsdf.is_clear() && (passes_through || !matches!(surface.bsdf, Bsdf::Glass(_)));
+        if passes_through {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }
         path.ray = surface.point.ray_towards(wi);

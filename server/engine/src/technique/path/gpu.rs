@@ -22,6 +22,7 @@ mod handed;
 mod known;
 mod lookouts;
 mod photons;
+mod sample;
 mod scene;
 mod sketch;
 mod slices;
@@ -37,7 +38,6 @@ use std::sync::{
 };
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
 use rayon::prelude::*;
 
 pub use first_shown::ShownAs;
@@ -51,6 +51,7 @@ pub use step_clock::StepSeconds;
 use self::{
     handed::{Followed, GpuHandedPath},
     known::LightBeside,
+    sample::{GpuPixelSample, copy_samples},
     tracing::{PathStart, SAMPLE_BYTES, Tracing},
 };
 use super::{
@@ -58,7 +59,7 @@ use super::{
     cpu::{BOUNCES_END, Near, Tracer, primary_ray},
 };
 use crate::{
-    film::{Film, PixelSample},
+    film::Film,
     gpu::{FrameOnCard, GpuError, ReadBack},
     math::{Rgb, sobol::PixelSampler},
     technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
@@ -105,22 +106,6 @@ pub(super) struct GpuPassHeader {
     padding_0: u32,
     padding_1: u32,
     padding_2: u32,
-}
-
-/// `PixelSample` in WGSL.
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(super) struct GpuPixelSample {
-    emitted: [f32; 3],
-    depth_m: f32,
-    direct: [f32; 3],
-    albedo_red: f32,
-    caustic: [f32; 3],
-    albedo_green: f32,
-    indirect: [f32; 3],
-    albedo_blue: f32,
-    normal: [f32; 3],
-    is_shining: u32,
 }
 
 /// `Counters` in WGSL.
@@ -334,13 +319,9 @@ impl GpuPathTracer {
     /// Adds that to the samples, and says what it took.
     fn add_followed(&mut self, handed: &Handed, followed: &[Followed]) -> Counts {
         let samples = &mut self.samples[handed.first_pixel..];
-        for Followed { slot, radiance, .. } in followed {
+        for Followed { slot, radiance, beyond, .. } in followed {
             if let Some(sample) = samples.get_mut(*slot) {
-                let classes =
-                    [&mut sample.emitted, &mut sample.direct, &mut sample.caustic, &mut sample.indirect];
-                for (sum, more) in classes.into_iter().zip(radiance) {
-                    *sum = (Rgb::from(*sum) + *more).to_array();
-                }
+                sample.add(radiance, beyond.as_ref());
                 self.completed.push(handed.first_pixel + slot);
             }
         }
@@ -477,7 +458,7 @@ impl GpuPathTracer {
         film.tiles_mut().par_iter_mut().filter(|tile| least == most || tile.passes() < most).for_each(
             |tile| {
                 tile.add_pass(|x, y| {
-                    let mut sample = sample_of(&self.samples[y as usize * width + x as usize]);
+                    let mut sample = self.samples[y as usize * width + x as usize].unpacked();
                     for class in PathClass::ALL.into_iter().filter(|class| !shown.contains(*class)) {
                         sample.radiance[class as usize] = Rgb::BLACK;
                     }
@@ -485,21 +466,6 @@ impl GpuPathTracer {
                 });
             },
         );
-    }
-}
-
-/// Copies samples, as many as there is room for, from where a card left them.
-fn copy_samples(bytes: &[u8], room: &mut [GpuPixelSample]) {
-    bytemuck::cast_slice_mut(room).copy_from_slice(bytes);
-}
-
-fn sample_of(packed: &GpuPixelSample) -> PixelSample {
-    PixelSample {
-        radiance: [packed.emitted, packed.direct, packed.caustic, packed.indirect].map(Rgb::from),
-        albedo: Rgb::new(packed.albedo_red, packed.albedo_green, packed.albedo_blue),
-        normal: Vec3::from(packed.normal),
-        depth_m: packed.depth_m,
-        is_shining: packed.is_shining != 0,
     }
 }
 

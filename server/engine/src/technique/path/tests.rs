@@ -2,6 +2,7 @@
 
 mod guided;
 mod known;
+mod noted;
 
 use std::sync::{Arc, atomic::AtomicBool};
 

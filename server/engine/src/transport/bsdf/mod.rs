@@ -111,6 +111,11 @@ impl Bsdf {
         }
     }
 
+    /// True when nothing is seen of it but what it mirrors or what lies behind it: some light goes on, and no lobe has a density.
+    pub fn is_clear(&self) -> bool {
+        !matches!(self, Bsdf::Black) && !self.has_density()
+    }
+
     /// True when its glossy lobe is so broad that light can be gathered for it from photons nearby.
     pub fn has_broad_gloss(&self) -> bool {
         matches!(self, Bsdf::Gltf(gltf) if gltf.alpha() >= BROAD_ALPHA)

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::{LastVertex, Path, Tracer};
 use crate::{
     accel::Ray,
-    film::PixelSample,
+    film::{Beyond, PixelSample},
     math::{Rgb, sobol::PixelSampler},
     technique::path::Tally,
     transport::{Absorption, PathClass},
@@ -28,12 +28,14 @@ pub(in crate::technique::path) struct Underway {
     pub(in crate::technique::path) near_count: u32,
     pub(in crate::technique::path) is_by_mirrors: bool,
     pub(in crate::technique::path) since_gathered: u32,
+    pub(in crate::technique::path) is_clear: bool,
     /// Whose numbers it goes on by.
     pub(in crate::technique::path) sampler: PixelSampler,
 }
 
 impl Tracer<'_> {
-    /// What a path brings from its next surface on, by class, W/(m² sr), also of classes that are not shown.
+    /// What a path brings from its next surface on: light, by class, W/(m² sr), also of classes that are not shown, and what is seen beyond
+    /// mirrors and glass if that is found there.
     ///
     /// The tracer is to do as whoever began the path: where that had no guide and knew no openings, it has none either, since what is seen
     /// at the next surface is weighed by what its last one could have sampled.
@@ -41,7 +43,7 @@ impl Tracer<'_> {
         &self,
         underway: &Underway,
         tally: &mut impl Tally,
-    ) -> [Rgb; PathClass::COUNT] {
+    ) -> ([Rgb; PathClass::COUNT], Option<Beyond>) {
         let last =
             underway.last.map(|(position, n, pdf_solid_angle)| LastVertex { position, n, pdf_solid_angle });
         let mut path = Path {
@@ -58,6 +60,7 @@ impl Tracer<'_> {
             near_count: underway.near_count,
             is_by_mirrors: underway.is_by_mirrors,
             since_gathered: underway.since_gathered,
+            is_clear: underway.is_clear,
             seen: None,
             sampler: &underway.sampler,
         };
@@ -67,6 +70,6 @@ impl Tracer<'_> {
                 break;
             }
         }
-        sample.radiance
+        (sample.radiance, sample.beyond)
     }
 }

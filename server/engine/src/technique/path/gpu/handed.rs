@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use super::tracing::PATH_BYTES;
 use crate::{
     accel::{Ray, TriangleId},
+    film::Beyond,
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session},
     math::{Rgb, sobol::PixelSampler},
     technique::{
@@ -34,7 +35,8 @@ pub(super) const HANDED_AFTER: u32 = 16;
 /// `Path::passing` in WGSL.
 pub(super) const IS_NEAR: u32 = 1;
 pub(super) const IS_BY_MIRRORS: u32 = 2;
-pub(super) const NEAR_COUNT_SHIFT: u32 = 2;
+pub(super) const IS_CLOUDED: u32 = 4;
+pub(super) const NEAR_COUNT_SHIFT: u32 = 3;
 
 /// `Path` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -97,6 +99,7 @@ impl GpuHandedPath {
             near_count: path.passing >> NEAR_COUNT_SHIFT,
             is_by_mirrors: path.passing & IS_BY_MIRRORS != 0,
             since_gathered: path.since_gathered,
+            is_clear: path.passing & IS_CLOUDED == 0,
             sampler: PixelSampler::named(key, index),
         })
     }
@@ -109,6 +112,8 @@ pub(super) struct Followed {
     pub(super) slot: usize,
     /// W/(m² sr) by class.
     pub(super) radiance: [Rgb; PathClass::COUNT],
+    /// What is seen beyond mirrors and glass, if that was not found before.
+    pub(super) beyond: Option<Beyond>,
     pub(super) counts: Counts,
 }
 
@@ -128,8 +133,9 @@ pub(super) fn follow(
     let followed = |handed: &GpuHandedPath| {
         let slot = handed.slot as usize;
         let mut counts = Counts::default();
-        let radiance = tracer.follow(&handed.underway(tracer.world, index(slot)?)?, &mut counts);
-        Some(Followed { slot, radiance, counts })
+        let underway = handed.underway(tracer.world, index(slot)?)?;
+        let (radiance, beyond) = tracer.follow(&underway, &mut counts);
+        Some(Followed { slot, radiance, beyond, counts })
     };
     handed.par_iter().with_max_len(1).filter_map(followed).collect()
 }

@@ -23,12 +23,12 @@ use std::{
     sync::{Arc, OnceLock, atomic::AtomicBool},
 };
 
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::{scene::*, tracing::*, *};
 use crate::{
-    film::PictureSize,
+    film::{PictureSize, PixelSample},
     gpu::{Gpu, tests::open},
     scene::{
         CameraView, Light, LightKind, Material, MeshSource, Scene,
@@ -46,6 +46,8 @@ use crate::{
 const OFF_MAX: f32 = 1e-3;
 /// Depths depend on no such function: 2⁻²⁴ for each of some forty roundings, ten times over for grazing surfaces.
 const DEPTH_OFF_MAX: f32 = 3e-5;
+/// Cards note normals of what is beyond mirrors and glass in bytes: half a 127th off by each axis, and as much as other normals.
+const BEYOND_TURN_MAX: f32 = 0.0069 + OFF_MAX;
 /// Radiances are compared as shares of themselves, but of no less than this share of the picture's mean.
 const DARKEST: f32 = 0.01;
 /// Share of paths that may take another decision: those whose numbers fall within a rounding of one. Of 165,000 paths in these
@@ -157,7 +159,7 @@ impl Shot {
     fn on_card(&self, scene: &Arc<GpuScene>, pass: u32) -> Pass {
         let (samples, counts) = self.on_card_by(scene, pass, SLICE_MIN);
         let shown = |packed: &GpuPixelSample| {
-            let mut sample = sample_of(packed);
+            let mut sample = packed.unpacked();
             for class in PathClass::ALL.into_iter().filter(|class| !self.settings.shown.contains(*class)) {
                 sample.radiance[class as usize] = Rgb::BLACK;
             }
@@ -201,6 +203,11 @@ fn off_rgb(a: Rgb, b: Rgb, least: f32) -> f32 {
     of_channels.fold(0.0, |most, off| if off <= most { most } else { off })
 }
 
+/// Largest difference of a channel.
+fn apart(a: Rgb, b: Rgb) -> f32 {
+    (a - b).map(f32::abs).max_component()
+}
+
 impl Likeness {
     fn add(&mut self, cpu: &Pass, card: &Pass) {
         assert_eq!(cpu.samples.len(), card.samples.len());
@@ -212,15 +219,21 @@ impl Likeness {
             let radiance = (0..PathClass::COUNT)
                 .map(|class| off_rgb(a.radiance[class], b.radiance[class], least))
                 .fold(0.0, f32::max);
+            let (is_other_beyond, beyond_off) = match (a.beyond, b.beyond) {
+                (Some(a), Some(b)) => {
+                    (a.normal.distance(b.normal) > BEYOND_TURN_MAX, apart(a.albedo, b.albedo))
+                }
+                (a, b) => (a.is_some() != b.is_some(), 0.0),
+            };
             let differences = [
                 radiance,
-                (a.albedo - b.albedo).map(f32::abs).max_component(),
+                apart(a.albedo, b.albedo).max(beyond_off),
                 a.normal.distance(b.normal),
                 off(a.depth_m, b.depth_m, f32::MIN_POSITIVE),
             ];
             let limits = [OFF_MAX, OFF_MAX, OFF_MAX, DEPTH_OFF_MAX];
             self.samples += 1;
-            let is_other = a.is_shining != b.is_shining;
+            let is_other = a.is_shining != b.is_shining || is_other_beyond;
             if is_other || differences.iter().zip(limits).any(|(off, limit)| *off > limit) {
                 self.others += 1;
                 continue;

@@ -44,7 +44,7 @@ fn shown_alike(
     let shown = shown.unwrap().collect().unwrap();
     let mut film = Film::new(size);
     for tile in film.tiles_mut() {
-        tile.add_pass(|x, y| sample_of(&samples[(y * size.width() + x) as usize]));
+        tile.add_pass(|x, y| samples[(y * size.width() + x) as usize].unpacked());
     }
     assert_like(&shown, &by_cpu(&film, display, true), name);
     shown
@@ -94,6 +94,10 @@ fn first_passes_are_shown_as_by_the_cpu() {
 /// Sets something in a sample.
 type Set = fn(&mut GpuPixelSample, f32);
 
+fn beyond(sample: &mut GpuPixelSample, albedo: [f32; 3], [x, y, z]: [i8; 3]) {
+    (sample.beyond_albedo, sample.beyond_normal) = (albedo, [x, y, z, i8::MAX]);
+}
+
 /// Samples that no film takes count as black, also for their neighbours; the largest and smallest that it takes do not end in infinities.
 #[test]
 fn hostile_samples_are_shown_as_by_the_cpu() {
@@ -112,12 +116,13 @@ fn hostile_samples_are_shown_as_by_the_cpu() {
         depth_m: 3.0,
         ..GpuPixelSample::zeroed()
     };
-    let set: [(&str, Set); 5] = [
+    let set: [(&str, Set); 6] = [
         ("light", |sample, value| sample.indirect[1] = value),
         ("emitted", |sample, value| (sample.emitted, sample.is_shining) = ([value; 3], 1)),
         ("albedo", |sample, value| sample.albedo_blue = value),
         ("normal", |sample, value| sample.normal = [value, 0.0, 0.0]),
         ("depth", |sample, value| sample.depth_m = value),
+        ("beyond", |sample, value| beyond(sample, [0.5, value, 0.4], [0, 0, 127])),
     ];
     let values =
         [0.0, -0.0, -1.0, 1e-42, f32::MIN_POSITIVE, 1e-20, 1e20, 5e37, f32::MAX, f32::INFINITY, f32::NAN];
@@ -140,7 +145,7 @@ fn each_number_of_a_surface_tells_it_apart() {
     let size = size(37, 21);
     let frame = FrameOnCard::new(&session, size).unwrap();
     let display = Display::new(ToneMap::Linear, 1.0);
-    let set: [(&str, Set); 7] = [
+    let set: [(&str, Set); 13] = [
         ("red", |sample, value| sample.albedo_red = value),
         ("green", |sample, value| sample.albedo_green = value),
         ("blue", |sample, value| sample.albedo_blue = value),
@@ -148,6 +153,12 @@ fn each_number_of_a_surface_tells_it_apart() {
         ("y", |sample, value| sample.normal[1] = 0.5 * value - 0.25),
         ("z", |sample, value| sample.normal[2] = 0.5 * value - 0.25),
         ("depth", |sample, value| sample.depth_m = 3.0 * value),
+        ("red beyond", |sample, value| beyond(sample, [value, 0.4, 0.3], [60; 3])),
+        ("green beyond", |sample, value| beyond(sample, [0.4, value, 0.3], [60; 3])),
+        ("blue beyond", |sample, value| beyond(sample, [0.4, 0.3, value], [60; 3])),
+        ("x beyond", |sample, value| beyond(sample, [0.4; 3], [(60.0 * value) as i8, 90, 30])),
+        ("y beyond", |sample, value| beyond(sample, [0.4; 3], [20, (-60.0 * value) as i8, 90])),
+        ("z beyond", |sample, value| beyond(sample, [0.4; 3], [-90, 10, (60.0 * value) as i8])),
     ];
     let mut pictures: Vec<Vec<u8>> = Vec::new();
     for (name, set) in set {

@@ -9,7 +9,7 @@ use lumicast_shaders::{
 };
 
 use super::{
-    super::handed::{GpuHandedPath, GpuPath, IS_BY_MIRRORS, IS_NEAR, NEAR_COUNT_SHIFT},
+    super::handed::{GpuHandedPath, GpuPath, IS_BY_MIRRORS, IS_CLOUDED, IS_NEAR, NEAR_COUNT_SHIFT},
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
     super::sketch::{CELL_WORDS, GpuSketch, GpuWindows, PLACE_WORDS},
@@ -334,6 +334,8 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             albedo_blue,
             normal,
             is_shining,
+            beyond_albedo,
+            beyond_normal,
         }
     );
     assert_same_layout!(
@@ -389,6 +391,8 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
         ("DEPTH_WORD", offset_of!(GpuPixelSample, depth_m)),
         ("NORMAL_WORD", offset_of!(GpuPixelSample, normal)),
         ("SHINING_WORD", offset_of!(GpuPixelSample, is_shining)),
+        ("BEYOND_WORD", offset_of!(GpuPixelSample, beyond_albedo)),
+        ("BEYOND_NORMAL_WORD", offset_of!(GpuPixelSample, beyond_normal)),
     ] {
         assert_eq!(numbers[name], word(at), "{name}");
     }
@@ -452,9 +456,12 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     for (name, value) in floats {
         assert_eq!(numbers[name], f64::from(value), "{name}");
     }
-    for (name, value) in
-        [("IS_NEAR", IS_NEAR), ("IS_BY_MIRRORS", IS_BY_MIRRORS), ("NEAR_COUNT_SHIFT", NEAR_COUNT_SHIFT)]
-    {
+    for (name, value) in [
+        ("IS_NEAR", IS_NEAR),
+        ("IS_BY_MIRRORS", IS_BY_MIRRORS),
+        ("IS_CLOUDED", IS_CLOUDED),
+        ("NEAR_COUNT_SHIFT", NEAR_COUNT_SHIFT),
+    ] {
         assert_eq!(numbers[name], f64::from(value), "{name}");
     }
     for (name, class) in ["EMITTED", "DIRECT", "CAUSTIC", "INDIRECT"].into_iter().zip(PathClass::ALL) {

@@ -1,0 +1,121 @@
+//! What samples note of surfaces that are seen by way of mirrors and glass.
+
+use super::*;
+use crate::{
+    accel::Ray,
+    film::{Beyond, PixelSample},
+    math::sobol::PixelSampler,
+    scene::MeshSource,
+    technique::{
+        Counts,
+        path::{PathSettings, Tracer, closed_forms::SQUARE},
+    },
+};
+
+const SAMPLES: u32 = 400;
+
+/// A wall one metre behind the eye, if there is one, and something before it that looks back.
+fn stage(wall: Option<Material>) -> Stage {
+    let mut stage = Stage::default();
+    stage.builder().set_environment(Environment::Constant(Rgb::new(0.2, 0.3, 0.4))).unwrap();
+    if let Some(wall) = wall {
+        let faces_the_eye = SQUARE.map(|c| 3.0 * DVec3::new(-c.x, c.y, 0.0) + DVec3::Z);
+        placed(&mut stage, "wall", wall, |material| samples::quad(faces_the_eye, material));
+    }
+    stage
+}
+
+fn placed(stage: &mut Stage, name: &str, material: Material, mesh: impl Fn(&crate::scene::Id) -> MeshSource) {
+    let material = stage.material(name, material).unwrap();
+    stage.place(name, mesh(&material), DAffine3::IDENTITY).unwrap();
+}
+
+fn with_front(mut stage: Stage, front: Material) -> Stage {
+    placed(&mut stage, "front", front, |material| samples::quad(SQUARE.map(|c| c - DVec3::Z), material));
+    stage
+}
+
+/// Samples of one ray from the origin.
+fn samples_of(stage: Stage, direction: Vec3) -> Vec<PixelSample> {
+    let world = World::prepare(Arc::new(stage.finish()));
+    let tracer = Tracer::of(&world, PathSettings::all(None, 3));
+    let origin = world.accel().to_render(DVec3::ZERO);
+    let ray = Ray::new(origin, direction);
+    let sample = |index| {
+        let sampler = PixelSampler::new(3, 0, 0, index);
+        tracer.sample_pixel(&ray, world.closest_hit(&ray), &sampler, &mut Counts::default())
+    };
+    (0..SAMPLES).map(sample).collect()
+}
+
+fn metal(base_color: Rgb, roughness: f32) -> Material {
+    Material { base_color, metallic: 1.0, roughness, ..Material::default() }
+}
+
+fn noted(samples: &[PixelSample]) -> Vec<Beyond> {
+    samples.iter().filter_map(|sample| sample.beyond).collect()
+}
+
+fn assert_same(found: Beyond, albedo: Rgb, normal: Vec3) {
+    let off = (found.albedo - albedo).map(f32::abs).max_component();
+    assert!(off < 1e-5 && found.normal.distance(normal) < 1e-5, "{found:?} for {albedo:?} {normal:?}");
+}
+
+/// Whatever is seen in a mirror is noted as it is seen straight, in the mirror's colour.
+#[test]
+fn what_a_mirror_shows_is_noted_in_its_colour() {
+    let tint = Rgb::new(0.9, 0.8, 0.7);
+    let ahead = Vec3::new(0.1, 0.05, -1.0).normalize();
+    let back = ahead * Vec3::new(1.0, 1.0, -1.0);
+    for wall in [
+        Material::lambert(Rgb::new(0.2, 0.5, 0.7)),
+        Material::lambert(Rgb::BLACK),
+        Material::emitter(Rgb::splat(3.0)),
+        Material { unlit: true, ..Material::lambert(Rgb::new(0.3, 0.6, 0.1)) },
+        Material { base_color: Rgb::new(0.1, 0.4, 0.2), roughness: 0.0, ..Material::default() },
+        metal(Rgb::new(0.8, 0.6, 0.2), 0.3),
+    ] {
+        let straight = samples_of(stage(Some(wall.clone())), back)[0];
+        assert_eq!(straight.beyond, None);
+        let mirrored = samples_of(with_front(stage(Some(wall)), metal(tint, 0.0)), ahead);
+        let noted = noted(&mirrored);
+        assert_eq!(noted.len(), mirrored.len());
+        noted.into_iter().for_each(|beyond| assert_same(beyond, tint * straight.albedo, straight.normal));
+    }
+    // What is around the scene faces the ray.
+    let sky = noted(&samples_of(with_front(stage(None), metal(tint, 0.0)), ahead));
+    assert_eq!(sky.len(), SAMPLES as usize);
+    sky.into_iter().for_each(|beyond| assert_same(beyond, tint, -back));
+}
+
+/// Through a pane what lies behind is noted, tinted twice; what its two sides reflect, one sample in twelve, is not.
+#[test]
+fn what_lies_behind_a_pane_is_noted_and_its_reflections_are_not() {
+    let tint = Rgb::new(0.9, 1.0, 0.8);
+    let back = Vec3::new(0.1, 0.05, 1.0).normalize();
+    let wall = Material::lambert(Rgb::new(0.2, 0.5, 0.7));
+    let straight = samples_of(stage(Some(wall.clone())), back)[0];
+    let mut stage = stage(Some(wall));
+    let pane = Material { base_color: tint, transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let [min, max] = [DVec3::new(-2.0, -2.0, 0.4), DVec3::new(2.0, 2.0, 0.41)];
+    placed(&mut stage, "pane", pane, |material| samples::cuboid(min, max, material));
+    let samples = samples_of(stage, back);
+    let noted = noted(&samples);
+    // 1 − 0.96² = 7.8 % are reflected, of 400 give or take 1.3 %.
+    let reflected = 1.0 - noted.len() as f64 / samples.len() as f64;
+    assert!((0.02..0.14).contains(&reflected), "{reflected}");
+    noted.into_iter().for_each(|beyond| assert_same(beyond, tint * tint * straight.albedo, straight.normal));
+}
+
+/// What scatters, if little, is what is seen itself: nothing is noted beyond a coat, rough metal or what is seen in those.
+#[test]
+fn nothing_is_noted_beyond_what_scatters() {
+    let ahead = Vec3::new(0.1, 0.05, -1.0).normalize();
+    let coated = Material { roughness: 0.0, ..Material::default() };
+    let frosted =
+        Material { base_color: Rgb::splat(0.8), transmission: 0.5, roughness: 0.0, ..Material::default() };
+    for front in [Material::lambert(Rgb::splat(0.5)), coated, frosted, metal(Rgb::splat(0.9), 0.2)] {
+        let wall = Material::lambert(Rgb::splat(0.5));
+        assert_eq!(noted(&samples_of(with_front(stage(Some(wall)), front), ahead)), []);
+    }
+}
