@@ -43,6 +43,40 @@ fn a_picture_is_rendered_and_described() {
     assert_eq!(facts["cameras"][1]["name"], "corner");
 }
 
+/// What a file asks for and does not get is said beside its picture, not only by `info`.
+#[test]
+fn what_is_not_drawn_as_the_file_has_it_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    // A triangle of nine floats: (0, 0, 0), (1, 0, 0), (0, 1, 0).
+    let corners = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let frosted = serde_json::json!({
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_materials_transmission"],
+        "buffers": [{"byteLength": 36, "uri": format!("data:application/octet-stream;base64,{corners}")}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+        "materials": [{
+            "name": "frosted",
+            "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.4},
+            "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}
+        }],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0
+    });
+    std::fs::write(folder.path().join("pane.gltf"), frosted.to_string()).unwrap();
+    let (code, _, stderr) = run(folder.path(), "render pane.gltf --size 16x16 --samples 1 --out a.png");
+    assert_eq!(code, Some(0), "{stderr}");
+    assert!(
+        stderr.contains("warning: material \"frosted\": lets light through with roughness 0.4"),
+        "{stderr}"
+    );
+    let (code, _, stderr) =
+        run(folder.path(), "render builtin:cornell-box --size 16x16 --samples 1 --out a.png");
+    assert_eq!((code, stderr.contains("warning")), (Some(0), false), "{stderr}");
+}
+
 /// The octree's picture of so many samples is the same to the last byte on one thread and on two, has exactly those
 /// samples, and says what it was made of.
 #[test]

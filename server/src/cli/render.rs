@@ -52,6 +52,9 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let format = OutputFormat::of(&args.out)?;
     check_arguments(&args, format)?;
     let loaded = args.scene.load()?;
+    for oddity in args.scene.oddities_of(&loaded.scene) {
+        eprintln!("warning: {oddity}");
+    }
     let job = Job::prepare(&args, &loaded, start)?;
     let mut rendering = job.rendering()?;
     // All of it keeps to the threads that were asked for: pictures are made of films by several.

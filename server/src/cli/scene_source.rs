@@ -39,6 +39,9 @@ impl std::fmt::Display for SceneSource {
     }
 }
 
+/// Warnings of a scene that are shown beside its picture; `lumicast info` shows all.
+const WARNINGS_SHOWN: usize = 5;
+
 /// A scene and how long reading it took.
 #[derive(Clone, Debug)]
 pub struct LoadedScene {
@@ -60,11 +63,42 @@ impl SceneSource {
         };
         Ok(LoadedScene { scene: Arc::new(scene), load_seconds: start.elapsed().as_secs_f64() })
     }
+
+    /// What was odd in a scene from here, a line each: the first few, and where the rest is to be found.
+    pub fn oddities_of(&self, scene: &Scene) -> Vec<String> {
+        let warnings = scene.warnings();
+        let shown = warnings.iter().take(WARNINGS_SHOWN);
+        let mut lines: Vec<String> =
+            shown.map(|warning| format!("{}: {}", warning.object, warning.message)).collect();
+        if let more @ 1.. = warnings.len().saturating_sub(WARNINGS_SHOWN) {
+            lines.push(format!("and {more} more of the scene, which `lumicast info {self}` shows"));
+        }
+        lines
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use lumicast_engine::scene::{SceneBuilder, SceneLimits};
+
     use super::*;
+
+    /// A few warnings are shown, and of more how many they are and where.
+    #[test]
+    fn few_warnings_are_shown_and_the_rest_is_counted() {
+        let source = SceneSource::File("hall.glb".into());
+        for count in [0, 1, WARNINGS_SHOWN, WARNINGS_SHOWN + 1, 40] {
+            let mut builder = SceneBuilder::new(SceneLimits::default());
+            (0..count).for_each(|number| builder.warn(format!("mesh {number}"), "is odd"));
+            let lines = source.oddities_of(&builder.finish().0);
+            let expected: Vec<String> =
+                (0..count.min(WARNINGS_SHOWN)).map(|number| format!("mesh {number}: is odd")).collect();
+            assert_eq!(lines[..expected.len()], expected);
+            let more = count - expected.len();
+            let rest = format!("and {more} more of the scene, which `lumicast info hall.glb` shows");
+            assert_eq!(lines[expected.len()..], vec![rest; usize::from(more > 0)]);
+        }
+    }
 
     /// Built-in scenes are named; everything else is a path.
     #[test]
