@@ -4,7 +4,8 @@
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
 //! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next,
 //! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `accuracy.rs` says how good the picture
-//! is, and `forecast.rs` when it will be better; `settings.rs` is what is asked for. Imports every room to its left; the server talks to this one.
+//! is, and `forecast.rs` when it will be better; `settings.rs` is what is asked for, `told.rs` what a rendering tells of
+//! itself. Imports every room to its left; the server talks to this one.
 
 mod accuracy;
 #[cfg(feature = "gpu")]
@@ -21,6 +22,7 @@ mod settings;
 mod sketched;
 #[cfg(test)]
 mod tests;
+mod told;
 
 use std::{
     sync::{Arc, atomic::AtomicBool},
@@ -61,9 +63,6 @@ pub use learner::{Learner, RecordReport};
 pub use measuring::MeasuringShare;
 pub use remaining::{Remaining, ToLearn};
 pub use settings::{Backend, Indirect, Learning, Learnt, RenderSettings};
-
-/// Share of the path-traced film below which a picture does not show it, and above which it shows nothing else.
-const SHARE_SHOWN: f64 = 0.01;
 
 /// Passes that are drawn with light that is better known before path tracing may have its turn: as many as the light before counts for.
 const PASSES_AFRESH: u32 = 2;
@@ -486,81 +485,6 @@ impl Rendering {
             (is_inside && !self.world.is_occluded(&shadow_ray)).then(|| UVec2::new(x as u32, y as u32))
         };
         known.places().par_iter().with_min_len(256).filter_map(seen_at).collect()
-    }
-
-    /// The film that is drawn with what is known of the light: all of the picture, but for path tracing beside it.
-    pub fn film(&self) -> &Film {
-        &self.film
-    }
-
-    /// Its size.
-    pub fn size(&self) -> PictureSize {
-        self.film.size()
-    }
-
-    /// The world it shows.
-    pub fn world(&self) -> &Arc<World> {
-        &self.world
-    }
-
-    /// Work done so far.
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-
-    /// Work done so far, in rays of the CPU: what cards did counts by the time it took.
-    pub fn spent_rays(&self) -> u64 {
-        self.counts.all_rays().saturating_add_signed(self.surplus_rays)
-    }
-
-    /// Samples that every pixel has.
-    pub fn passes(&self) -> u32 {
-        self.films().map(Film::passes_min).sum()
-    }
-
-    /// Passes with what is known of the light: of every pixel, and of some where one was cut.
-    pub fn lit_passes(&self) -> [u32; 2] {
-        [self.film.passes_min(), self.film.passes_max()]
-    }
-
-    /// Every pixel has as many.
-    pub fn is_whole(&self) -> bool {
-        self.films().all(|film| film.passes_min() == film.passes_max())
-    }
-
-    /// Samples of all pixels together.
-    pub fn sample_count(&self) -> u64 {
-        self.films().map(Film::sample_count).sum()
-    }
-
-    /// Samples that were not finite or negative, and count as black.
-    pub fn dropped_samples(&self) -> u64 {
-        self.films().map(Film::dropped_samples).sum()
-    }
-
-    /// Memory of its films.
-    pub fn film_bytes(&self) -> usize {
-        self.films().map(Film::bytes).sum()
-    }
-
-    fn films(&self) -> impl Iterator<Item = &Film> {
-        std::iter::once(&self.film).chain(&self.traced)
-    }
-
-    /// Name of what a picture that [`Rendering::picture`] returned is made by.
-    pub fn technique_name(&self, picture: &Picture<'_>) -> &'static str {
-        let looked_up = match &self.caustics {
-            Some(_) if self.learnt.is_none() => "caustics",
-            _ => self.technique.card().name,
-        };
-        match (picture.traced_share(), looked_up) {
-            (share, _) if share < SHARE_SHOWN => looked_up,
-            (share, _) if share > 1.0 - SHARE_SHOWN => "path",
-            (_, "octree") => "octree+path",
-            (_, "irradiance") => "irradiance+path",
-            (_, "caustics") => "caustics+path",
-            (_, _) => "path",
-        }
     }
 }
 

@@ -1,0 +1,89 @@
+//! What becomes of what was learnt when the scene changes, by edits or by what nobody announced.
+
+use super::{Illumination, Learner, OldRecords, Stage};
+use crate::{
+    technique::{Edit, Technique, photons::ProbeCounts},
+    transport::{LightsChange, World, change_of_lights},
+};
+
+impl Learner {
+    /// Withdraws what an edit made stale; call before the next [`Learner::step`]. Records that saw nothing of it stay, with light of
+    /// before until it is gathered anew; where much of the light changed, and where there are no records, the octree answers.
+    pub fn apply(&mut self, edit: &Edit<'_>) {
+        let Some(illumination) = &mut self.illumination else { return };
+        if edit.change.leaves_light_alone() {
+            return;
+        }
+        let before = illumination.generation();
+        let begins_again = illumination.apply(edit);
+        if begins_again {
+            // Else edits that follow each other closely would put the next round off for ever.
+            (self.rough_seconds, self.rough_steps) = (0.0, 0);
+        }
+        if illumination.generation() != before {
+            self.known = illumination.known().cloned();
+            self.generation += 1;
+        }
+        let is_unknown = illumination.stage() != Stage::Complete;
+        self.is_stale |= is_unknown;
+        self.is_catching_up = is_unknown;
+        self.lights_change_ahead = LightsChange::NONE;
+        if !is_unknown {
+            self.lights_change = LightsChange::NONE;
+        } else if !self.knows_other_lights() {
+            // Small steps add up until light is known again.
+            self.lights_change = self.lights_change.then(change_of_lights(edit.before, edit.after));
+        }
+        if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
+            records.apply(edit);
+            if !records.cache().records().is_empty() {
+                return self.keep_records();
+            }
+        }
+        self.forget_records();
+        if !is_unknown {
+            self.epoch += u64::from(std::mem::take(&mut self.is_stale));
+        }
+    }
+
+    /// The last edit that [`Learner::apply`] was told of made the rounds begin again, and nothing came of it yet: what comes next is to
+    /// wait. Else edits that follow each other faster than a first octree takes would show light of before for as long as they go on; so
+    /// they are followed as fast as possible, and the last of them after twice that time at most.
+    pub fn is_catching_up(&self) -> bool {
+        self.is_catching_up && self.illumination.as_ref().is_some_and(Illumination::is_in_first_round)
+    }
+
+    /// What is known falls behind by an edit that [`Learner::apply`] is told of later, or by several: all since the last that it was
+    /// told of.
+    pub fn fall_behind(&mut self, before: &World, after: &World) {
+        self.lights_change_ahead = change_of_lights(before, after);
+    }
+
+    /// Shows the records that an edit left.
+    fn keep_records(&mut self) {
+        self.old_records = OldRecords::Waiting;
+        self.is_stale = true;
+        self.show_records();
+        self.gaze_count = self.shown_count;
+    }
+
+    fn forget_records(&mut self) {
+        (self.shown_count, self.shown_records, self.gaze_count) = (0, 0, 0);
+        self.old_records = OldRecords::None;
+        if self.records.take().is_some() {
+            self.known = self.illumination.as_ref().and_then(Illumination::known).cloned();
+            self.generation += 1;
+        }
+    }
+
+    /// Looks for changes that nobody announced: one photon of every group is traced again.
+    pub fn probe(&mut self, world: &World) -> ProbeCounts {
+        let Some(illumination) = &mut self.illumination else { return ProbeCounts::default() };
+        let counts = illumination.probe(world);
+        if counts.diverged > 0 {
+            self.is_stale = true;
+            self.forget_records();
+        }
+        counts
+    }
+}
