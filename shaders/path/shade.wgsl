@@ -9,7 +9,7 @@
 const IS_NEAR: u32 = 1u;
 /// A mirror or glass has sent the path on since.
 const IS_BY_MIRRORS: u32 = 2u;
-/// Some surface was neither a mirror nor clear glass, or glass did not let the path straight through.
+/// Some surface was neither a mirror nor clear glass, or the path went where glass shows less from.
 const IS_CLOUDED: u32 = 4u;
 const NEAR_COUNT_SHIFT: u32 = 3u;
 
@@ -311,9 +311,9 @@ fn scatter(
     (*path).last_pdf = drawn.pdf_solid_angle;
     (*path).last_position = surface.point.position;
     (*path).last_n = select(surface.frame.n, -surface.frame.n, dot(wo, surface.frame.n) < 0.0);
-    let passes_through = wo_local.z * drawn.wi.z < 0.0;
-    let stays_clear = is_clear(surface.bsdf) && (passes_through || surface.bsdf.kind != GLASS);
-    if HAS_GLASS && passes_through {
+    let stays_clear =
+        is_clear(surface.bsdf) && (!HAS_GLASS || shows_most_from(surface.bsdf, wo_local, drawn.wi));
+    if HAS_GLASS && wo_local.z * drawn.wi.z < 0.0 {
         (*path).medium = select(0u, surface.inside, drawn.wi.z < 0.0);
     }
     (*path).origin = origin_towards(surface.point, wi);

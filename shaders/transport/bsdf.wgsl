@@ -305,9 +305,19 @@ fn has_density(bsdf: Bsdf) -> bool {
     }
 }
 
-/// Nothing is seen of it but what it mirrors or what lies behind it.
+/// It scatters nothing but what it mirrors and what lies behind it.
 fn is_clear(bsdf: Bsdf) -> bool {
     return bsdf.kind != BLACK && !has_density(bsdf);
+}
+
+/// Most of what a clear surface shows comes from the side of `wi`.
+fn shows_most_from(bsdf: Bsdf, wo: vec3f, wi: vec3f) -> bool {
+    if bsdf.kind != GLASS {
+        return true;
+    }
+    let reflected = fresnel_dielectric(abs(wo.z), glass_eta_from(bsdf, wo)).x;
+    let passes_through = wo.z * wi.z < 0.0;
+    return passes_through == (reflected <= 0.5);
 }
 
 fn has_diffuse(bsdf: Bsdf) -> bool {

@@ -117,7 +117,8 @@ impl Film {
     /// are summed in single precision: they are bounded or all of one size within a pixel, and 10⁵
     /// passes leave them right to 1 ‰ (tested).
     pub const BYTES_PER_PIXEL: usize = size_of::<Pixel>();
-    /// Memory of one pixel more, in tiles where something is seen in mirrors or through clear glass.
+    /// Memory of one pixel more, in tiles where something is seen in mirrors or through clear glass, of films that are
+    /// [filtered](Film::unfiltered).
     pub const BYTES_BEYOND: usize = size_of::<BeyondSums>();
 
     /// A film without samples.
@@ -128,6 +129,13 @@ impl Film {
         let tile_at = |row: u32, column: u32| Tile::new(size, column * TILE_SIDE, row * TILE_SIDE);
         let tiles = (0..rows).flat_map(|row| (0..columns).map(move |column| tile_at(row, column))).collect();
         Film { size, tiles }
+    }
+
+    /// The same, for what no noise is taken off: it does not keep what is beyond mirrors and glass.
+    pub fn unfiltered(size: PictureSize) -> Film {
+        let mut film = Film::new(size);
+        film.tiles.iter_mut().for_each(Tile::ignore_beyond);
+        film
     }
 
     /// Size of the picture.

@@ -22,13 +22,13 @@ pub struct PixelSample {
     pub beyond: Option<Beyond>,
 }
 
-/// The first surface that is neither a mirror nor clear glass, seen by way of those alone: reflected by mirrors, straight through glass. What
+/// The first surface that is neither a mirror nor clear glass, seen by way of those alone: reflected by mirrors, and where glass shows most from. What
 /// is around the scene counts as one that faces the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beyond {
-    /// Share of light that it reflects in total and that comes from there to the eye.
+    /// Share of light that it reflects in total and that comes from there to the eye, by this path: over its chance of getting so far.
     pub albedo: Rgb,
-    /// Its shading normal in the world, unit.
+    /// Its shading normal in the world, about unit: cards have it in bytes.
     pub normal: Vec3,
 }
 
@@ -137,7 +137,7 @@ impl BeyondSums {
 
     /// Of those samples, where they are half of a pixel's `passes` or more; the normal is zero where theirs leave none.
     pub(super) fn mean(&self, passes: u32) -> Option<Beyond> {
-        (self.count > 0 && self.count >= passes.div_ceil(2)).then(|| Beyond {
+        (self.count > 0 && 2 * self.count >= passes).then(|| Beyond {
             albedo: self.albedo / self.count as f32,
             normal: self.normal.normalize_or_zero(),
         })

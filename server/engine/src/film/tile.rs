@@ -27,8 +27,8 @@ pub struct Tile {
     outdated: [Option<u32>; SECONDARY.len()],
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
-    /// Pixel by pixel; none until some sample notes what is beyond a mirror or glass.
-    beyond: Vec<BeyondSums>,
+    /// Pixel by pixel; none until some sample notes what is beyond a mirror or glass. `None`: nobody will ask.
+    beyond: Option<Vec<BeyondSums>>,
 }
 
 impl Tile {
@@ -46,7 +46,7 @@ impl Tile {
             outdated: [None; SECONDARY.len()],
             dropped_samples: 0,
             pixels,
-            beyond: Vec::new(),
+            beyond: Some(Vec::new()),
         }
     }
 
@@ -95,16 +95,21 @@ impl Tile {
         }
     }
 
-    /// What most samples of a pixel see beyond mirrors and clear glass.
+    /// Leaves out what is beyond mirrors and glass from now on.
+    pub(super) fn ignore_beyond(&mut self) {
+        self.beyond = None;
+    }
+
+    /// What half of a pixel's samples or more see beyond mirrors and clear glass.
     ///
     /// - `pixel_index`: row by row
     pub(super) fn beyond(&self, pixel_index: usize) -> Option<Beyond> {
-        self.beyond.get(pixel_index)?.mean(self.passes)
+        self.beyond.as_ref()?.get(pixel_index)?.mean(self.passes)
     }
 
     /// Memory of what is beyond.
     pub(super) fn beyond_bytes(&self) -> usize {
-        self.beyond.len() * size_of::<BeyondSums>()
+        self.beyond.as_ref().map_or(0, Vec::len) * size_of::<BeyondSums>()
     }
 
     /// Samples that were not finite or negative, and count as black.
@@ -129,11 +134,11 @@ impl Tile {
                     taken = PixelSample::BLACK;
                 }
                 pixel.add(&taken, held);
-                if let Some(beyond) = taken.beyond {
-                    if self.beyond.is_empty() {
-                        self.beyond = vec![BeyondSums::default(); pixel_count];
+                if let (Some(beyond), Some(sums)) = (taken.beyond, &mut self.beyond) {
+                    if sums.is_empty() {
+                        sums.resize(pixel_count, BeyondSums::default());
                     }
-                    self.beyond[index].add(beyond);
+                    sums[index].add(beyond);
                 }
             }
         }

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 
 use super::{Buffer, GpuError, Session, session::locked};
 
-/// Bytes that are kept at most: the largest slices of paths and of photons, 40 and some 50 MiB, come back in turns.
-const SPARE_BYTES_MAX: u64 = 100 << 20;
+/// Bytes that are kept at most: the largest slices of paths and of photons, 48 and some 50 MiB, come back in turns.
+const SPARE_BYTES_MAX: u64 = 112 << 20;
 /// Buffers that are kept at most, so that finding one stays quick.
 const SPARE_COUNT_MAX: usize = 32;
 /// Least bytes of a buffer, so that all small reads share.

@@ -429,7 +429,7 @@ impl Rendering {
     pub(super) fn trace_on_gpu(&mut self, products: &mut Products, cancel: &AtomicBool) -> Option<Progress> {
         let gpu = self.gpu.as_mut()?;
         let (size, settings) = (self.film.size(), beside(&self.settings));
-        let film = self.traced.get_or_insert_with(|| Film::new(size));
+        let film = self.traced.get_or_insert_with(|| Film::unfiltered(size));
         let scene = &gpu.scene;
         let tracing = gpu.tracing.get_or_insert_with(|| GpuPathTracer::new(Arc::clone(scene), settings));
         let (start, shaders) = (Instant::now(), gpu.scene.shader_seconds());

@@ -234,7 +234,7 @@ impl Rendering {
         Rendering {
             view: View::new(&world, &view, size),
             world,
-            film: Film::new(size),
+            film: if settings.notes_beyond(plan) { Film::new(size) } else { Film::unfiltered(size) },
             denoising: Denoising::default(),
             has_diffuse: plan.facts.diffuse > 0,
             technique: tracer(&settings, looked_up, learnt, known),
@@ -373,14 +373,14 @@ impl Rendering {
     /// A pass of the path-traced film.
     fn trace(&mut self, cancel: &AtomicBool) -> Progress {
         let size = self.film.size();
-        let pass = pass_of(self.traced.get_or_insert_with(|| Film::new(size)));
+        let pass = pass_of(self.traced.get_or_insert_with(|| Film::unfiltered(size)));
         let (mut products, prepared) = hidden_light(&mut self.hidden[1], &self.world, pass, cancel);
         self.traced_rays += prepared.counts.all_rays();
         if !prepared.complete {
             return prepared;
         }
         let progress = self.trace_on_gpu(&mut products, cancel).unwrap_or_else(|| {
-            let film = self.traced.get_or_insert_with(|| Film::new(size));
+            let film = self.traced.get_or_insert_with(|| Film::unfiltered(size));
             let known = self.technique.secondary().cloned();
             let mut technique = PathTracer::new(beside(&self.settings)).guided_by(known);
             let progress = step_on(&mut technique, (&self.world, &self.view), film, &mut products, cancel);

@@ -125,7 +125,8 @@ impl RenderSettings {
     pub fn picture_bytes(&self, plan: &EffectPlan, pixel_count: usize) -> usize {
         let films = if self.indirect == Indirect::Auto { 2 } else { 1 };
         // Of hidden light each film has its own, and each half of the measure.
-        let denoising = if self.looks_up() && !self.keeps_noise { Denoising::BYTES_PER_PIXEL } else { 0 };
+        let denoising = if self.takes_noise_off() { Denoising::BYTES_PER_PIXEL } else { 0 };
+        let beyond = if self.notes_beyond(plan) { Film::BYTES_BEYOND } else { 0 };
         let maps = usize::from(self.focuses(plan)) + 4 * usize::from(self.brings_hidden(plan));
         let of = CausticSettings::of(pixel_count, self.bounces_max, self.seed);
         let light = (maps * of.bytes_max()).max(CausticSketch::bytes_max(pixel_count));
@@ -133,8 +134,9 @@ impl RenderSettings {
             Some(Learnt::Records) => IrradianceCache::BYTES_PER_PIXEL,
             _ => 0,
         };
-        let film = Film::BYTES_PER_PIXEL + Film::BYTES_BEYOND + self.backend.bytes_per_pixel();
-        films * pixel_count * film + pixel_count * (laid_out + denoising) + if maps > 0 { light } else { 0 }
+        films * pixel_count * (Film::BYTES_PER_PIXEL + self.backend.bytes_per_pixel())
+            + pixel_count * (laid_out + denoising + beyond)
+            + if maps > 0 { light } else { 0 }
     }
 
     /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
@@ -144,6 +146,18 @@ impl RenderSettings {
             Indirect::Auto => self.bounces_max.is_none_or(|bounces| bounces > 1),
             Indirect::Path | Indirect::None => false,
         }
+    }
+
+    /// Noise is taken off what is looked up.
+    pub(super) fn takes_noise_off(&self) -> bool {
+        self.looks_up() && !self.keeps_noise
+    }
+
+    /// The film of what is looked up keeps what is seen beyond mirrors and glass.
+    ///
+    /// - `plan`: of the scene
+    pub(super) fn notes_beyond(&self, plan: &EffectPlan) -> bool {
+        self.takes_noise_off() && (plan.is_on(EffectKind::Mirror) || plan.is_on(EffectKind::Glass))
     }
 
     /// It also looks at light that comes by way of mirrors and glass.

@@ -118,7 +118,7 @@ struct Path<'a> {
     /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
     /// and after a diffuse one.
     since_gathered: u32,
-    /// It met nothing but mirrors and clear glass so far, and went straight through that.
+    /// It met nothing but mirrors and clear glass so far, and went where those show most from.
     is_clear: bool,
     /// What its first ray met.
     seen: Option<Seen<'a>>,
@@ -451,10 +451,8 @@ impl Tracer<'_> {
             n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
             pdf_solid_angle,
         });
-        let passes_through = wo_local.z * drawn.wi.z < 0.0;
-        path.is_clear &=
-            surface.bsdf.is_clear() && (passes_through || !matches!(surface.bsdf, Bsdf::Glass(_)));
-        if passes_through {
+        path.is_clear &= surface.bsdf.is_clear() && surface.bsdf.shows_most_from(wo_local, drawn.wi);
+        if wo_local.z * drawn.wi.z < 0.0 {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }
         path.ray = surface.point.ray_towards(wi);

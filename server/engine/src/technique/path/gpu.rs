@@ -76,7 +76,7 @@ const IS_ASKING: u32 = 1;
 const SHOWS_CAUSTICS: u32 = 2;
 /// Devices that may be lost one after the other without a finished pass before it is given up.
 const LOSSES_MAX: u32 = 3;
-/// Samples that a thread copies at a time: 320 KiB, which takes longer than finding a thread.
+/// Samples that a thread copies at a time: 384 KiB, which takes longer than finding a thread.
 const SAMPLES_AT_ONCE: usize = 4096;
 
 /// `PassHeader` in WGSL.

@@ -53,6 +53,13 @@ impl Glass {
         Rgb::splat(reflected) + self.tint * (1.0 - reflected)
     }
 
+    /// See [`super::Bsdf::shows_most_from`].
+    pub(super) fn shows_most_from(&self, wo: Vec3, wi: Vec3) -> bool {
+        let (reflected, _) = fresnel_dielectric(wo.z.abs(), self.eta_from(wo));
+        let passes_through = wo.z * wi.z < 0.0;
+        passes_through == (reflected <= 0.5)
+    }
+
     /// Index beyond the boundary over the index on `wo`'s side.
     fn eta_from(&self, wo: Vec3) -> f32 {
         if wo.z > 0.0 { self.eta } else { 1.0 / self.eta }

@@ -111,9 +111,18 @@ impl Bsdf {
         }
     }
 
-    /// True when nothing is seen of it but what it mirrors or what lies behind it: some light goes on, and no lobe has a density.
+    /// True when it scatters nothing but what it mirrors and what lies behind it: some light goes on, and no lobe has a density.
     pub fn is_clear(&self) -> bool {
         !matches!(self, Bsdf::Black) && !self.has_density()
+    }
+
+    /// True when most of what a [clear](Bsdf::is_clear) surface shows comes from the side of `wi`: what glass reflects or what passes it,
+    /// whichever is more.
+    pub fn shows_most_from(&self, wo: Vec3, wi: Vec3) -> bool {
+        match self {
+            Bsdf::Glass(glass) => glass.shows_most_from(wo, wi),
+            _ => true,
+        }
     }
 
     /// True when its glossy lobe is so broad that light can be gathered for it from photons nearby.

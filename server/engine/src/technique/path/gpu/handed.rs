@@ -35,6 +35,7 @@ pub(super) const HANDED_AFTER: u32 = 16;
 /// `Path::passing` in WGSL.
 pub(super) const IS_NEAR: u32 = 1;
 pub(super) const IS_BY_MIRRORS: u32 = 2;
+/// Not clear any more: a fresh path's word is nothing.
 pub(super) const IS_CLOUDED: u32 = 4;
 pub(super) const NEAR_COUNT_SHIFT: u32 = 3;
 

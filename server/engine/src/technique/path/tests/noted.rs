@@ -107,6 +107,27 @@ fn what_lies_behind_a_pane_is_noted_and_its_reflections_are_not() {
     noted.into_iter().for_each(|beyond| assert_same(beyond, tint * tint * straight.albedo, straight.normal));
 }
 
+/// Where glass reflects all, what is seen by that is noted: the wall beyond the end of a block that the eye is in, by way of its side. What
+/// the end reflects, a sample in sixteen, is not.
+#[test]
+fn what_total_reflection_shows_is_noted() {
+    let tint = Rgb::new(0.9, 1.0, 0.8);
+    let albedo = Rgb::new(0.2, 0.5, 0.7);
+    let mut stage = stage(None);
+    let beyond_the_end = SQUARE.map(|c| DVec3::new(3.0, 9.0 * c.y, 9.0 * c.x));
+    placed(&mut stage, "wall", Material::lambert(albedo), |material| samples::quad(beyond_the_end, material));
+    let glass = Material { base_color: tint, transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let [min, max] = [DVec3::new(-2.0, -2.0, -0.5), DVec3::new(2.0, 2.0, 0.5)];
+    placed(&mut stage, "block", glass, |material| samples::cuboid(min, max, material));
+    // 60° off the side's normal, of which 42° are enough, and 30° off the end's.
+    let samples = samples_of(stage, Vec3::new(3f32.sqrt(), 0.0, -1.0) / 2.0);
+    let noted = noted(&samples);
+    let reflected = 1.0 - noted.len() as f64 / samples.len() as f64;
+    assert!((0.01..0.14).contains(&reflected), "{reflected}");
+    // Radiance is η² times as much in glass.
+    noted.into_iter().for_each(|beyond| assert_same(beyond, tint * albedo * 2.25, Vec3::NEG_X));
+}
+
 /// What scatters, if little, is what is seen itself: nothing is noted beyond a coat, rough metal or what is seen in those.
 #[test]
 fn nothing_is_noted_beyond_what_scatters() {

@@ -160,7 +160,11 @@ fn compare(
         let samples = [&by_card.samples, &by_both.samples, &before];
         let [card, both, begun] = samples.map(|samples| samples[*slot as usize].unpacked());
         let is_other_beyond = match (card.beyond, both.beyond) {
-            (Some(card), Some(both)) => apart(card.albedo, both.albedo) > OFF_MAX,
+            (Some(card), Some(both)) => {
+                // Both are rounded to bytes.
+                let is_turned = card.normal.distance(both.normal) > 2.0 * BEYOND_TURN_MAX;
+                is_turned || apart(card.albedo, both.albedo) > OFF_MAX
+            }
             (card, both) => card.is_some() != both.is_some(),
         };
         noted += usize::from(begun.beyond.is_none() && both.beyond.is_some());
