@@ -422,6 +422,11 @@ fn what_is_beyond_is_a_mean_of_half_the_samples_or_more() {
     let normal = film.tiles()[0].beyond(0).unwrap().normal;
     assert!(normal.distance(Vec3::new(1.0, 4.0, 0.0).normalize()) < 1e-6, "{normal}");
     assert_eq!(film.bytes(), without + 16 * 16 * Film::BYTES_BEYOND);
+    // Of what nobody filters nothing is kept.
+    let mut unfiltered = Film::unfiltered(film.size());
+    let beyond = Beyond { albedo: Rgb::WHITE, normal: Vec3::X };
+    pass(&mut unfiltered, |_, _, _| PixelSample { beyond: Some(beyond), ..grey(1.0) });
+    assert_eq!((unfiltered.tiles()[0].beyond(0), unfiltered.bytes()), (None, without));
     assert_eq!(film.albedo()[0], grey(1.0).albedo);
 }
 

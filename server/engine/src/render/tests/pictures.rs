@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use super::*;
 use crate::{
-    film::{Denoising, Outdated, Picture},
+    film::{Denoising, Film, Outdated, Picture},
     scene::CameraView,
     technique::{Card, ScatteredLight, SecondaryLight},
     transport::Surface,
@@ -438,8 +438,28 @@ fn noise_is_taken_off_the_film_as_it_is() {
             assert_eq!(rendering.own_picture().radiance(), expected.radiance(), "{indirect:?}, step {steps}");
         }
         assert!(indirect == Indirect::Path || steps > 7 && cut > 3, "{cut} of {steps} steps cut");
+        // What the mirror block and the glass ball show is kept for the filter alone.
+        let keeps_beyond = rendering.film().bytes() > Film::new(size).bytes();
+        assert_eq!(keeps_beyond, indirect != Indirect::Path && !keeps_noise, "{indirect:?}");
         rendering.picture().radiance()
     };
     assert_eq!(draw(Indirect::Path, false), draw(Indirect::Path, true));
     assert!(draw(Indirect::Octree, false) != draw(Indirect::Octree, true));
+}
+
+/// Pictures are charged for taking noise off where it is taken off, and for what mirrors and glass show where there are any.
+#[test]
+fn what_mirrors_show_is_charged_where_there_are_mirrors() {
+    let of_scene = |scene: Scene, indirect, keeps_noise| {
+        let settings = RenderSettings { indirect, keeps_noise, ..RenderSettings::default() };
+        settings.picture_bytes(&EffectPlan::of(&scene), 1000)
+    };
+    let (mirrors, matt) = (samples::cornell_box().unwrap(), samples::furnace(0.5, 0.25).unwrap());
+    for (scene, beyond) in [(mirrors, Film::BYTES_BEYOND), (matt, 0)] {
+        for indirect in [Indirect::Octree, Indirect::Auto] {
+            let [with, without] = [false, true].map(|keeps| of_scene(scene.clone(), indirect, keeps));
+            assert_eq!(with - without, 1000 * (Denoising::BYTES_PER_PIXEL + beyond), "{indirect:?}");
+        }
+        assert_eq!(of_scene(scene.clone(), Indirect::Path, false), of_scene(scene, Indirect::Path, true));
+    }
 }
