@@ -1,5 +1,7 @@
 //! What a sample notes of the surfaces that it meets, for layers and for taking noise off: it says nothing of their light.
 
+use glam::Vec3;
+
 use super::{Path, Tracer};
 use crate::{
     film::{Beyond, PixelSample},
@@ -32,7 +34,7 @@ impl Path<'_> {
         }
     }
 
-    fn note_beyond(&self, albedo: Rgb, normal: glam::Vec3, sample: &mut PixelSample) {
+    fn note_beyond(&self, albedo: Rgb, normal: Vec3, sample: &mut PixelSample) {
         sample.beyond = Some(Beyond { albedo: self.throughput * albedo, normal });
     }
 }

@@ -5,7 +5,7 @@ use crate::{
     accel::Ray,
     film::{Beyond, PixelSample},
     math::sobol::PixelSampler,
-    scene::MeshSource,
+    scene::{Id, MeshSource},
     technique::{
         Counts,
         path::{PathSettings, Tracer, closed_forms::SQUARE},
@@ -25,7 +25,7 @@ fn stage(wall: Option<Material>) -> Stage {
     stage
 }
 
-fn placed(stage: &mut Stage, name: &str, material: Material, mesh: impl Fn(&crate::scene::Id) -> MeshSource) {
+fn placed(stage: &mut Stage, name: &str, material: Material, mesh: impl Fn(&Id) -> MeshSource) {
     let material = stage.material(name, material).unwrap();
     stage.place(name, mesh(&material), DAffine3::IDENTITY).unwrap();
 }
