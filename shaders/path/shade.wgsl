@@ -56,14 +56,13 @@ fn advance(slot: u32) -> bool {
         path.medium = surface.inside;
     }
     path.throughput *= transmittance(path.medium, hit.t);
-    let albedo = albedo_of(surface.bsdf) + surface.unlit;
     if path.bounce == 0u {
-        note_first(slot, albedo, surface.frame.n, surface.point.position, hit.t);
+        note_first(slot, shown_albedo(surface), surface.frame.n, surface.point.position, hit.t);
         if any(surface.emitted + surface.unlit > vec3f(0.0)) {
             note_shining(slot);
         }
     } else if (passing & IS_CLOUDED) == 0u && !is_clear(surface.bsdf) {
-        note_beyond(slot, path.throughput * albedo, surface.frame.n);
+        note_beyond(slot, path.throughput * shown_albedo(surface), surface.frame.n);
     }
     if !is_beyond_mirrors {
         add_emission(slot, path, hit, surface);
@@ -110,6 +109,11 @@ fn advance(slot: u32) -> bool {
     }
     let is_gathering = HAS_FOCUSED && gather_focused(slot, path, surface, is_beyond_near);
     return scatter(slot, &path, hit, surface, sampler, followed, passing, is_gathering);
+}
+
+/// For the layer of albedo, and to take noise off.
+fn shown_albedo(surface: Surface) -> vec3f {
+    return albedo_of(surface.bsdf) + surface.unlit;
 }
 
 /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.

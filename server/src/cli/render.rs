@@ -52,8 +52,8 @@ pub fn run(args: RenderArgs) -> Result<(), CliError> {
     let format = OutputFormat::of(&args.out)?;
     check_arguments(&args, format)?;
     let loaded = args.scene.load()?;
-    for oddity in args.scene.oddities_of(&loaded.scene) {
-        eprintln!("warning: {oddity}");
+    for warning in args.scene.warnings_of(&loaded.scene) {
+        eprintln!("warning: {warning}");
     }
     let job = Job::prepare(&args, &loaded, start)?;
     let mut rendering = job.rendering()?;

@@ -64,8 +64,8 @@ impl SceneSource {
         Ok(LoadedScene { scene: Arc::new(scene), load_seconds: start.elapsed().as_secs_f64() })
     }
 
-    /// What was odd in a scene from here, a line each: the first few, and where the rest is to be found.
-    pub fn oddities_of(&self, scene: &Scene) -> Vec<String> {
+    /// The first few warnings of a scene from here, a line each, and where the rest is to be found.
+    pub fn warnings_of(&self, scene: &Scene) -> Vec<String> {
         let warnings = scene.warnings();
         let shown = warnings.iter().take(WARNINGS_SHOWN);
         let mut lines: Vec<String> =
@@ -90,7 +90,7 @@ mod tests {
         for count in [0, 1, WARNINGS_SHOWN, WARNINGS_SHOWN + 1, 40] {
             let mut builder = SceneBuilder::new(SceneLimits::default());
             (0..count).for_each(|number| builder.warn(format!("mesh {number}"), "is odd"));
-            let lines = source.oddities_of(&builder.finish().0);
+            let lines = source.warnings_of(&builder.finish().0);
             let expected: Vec<String> =
                 (0..count.min(WARNINGS_SHOWN)).map(|number| format!("mesh {number}: is odd")).collect();
             assert_eq!(lines[..expected.len()], expected);

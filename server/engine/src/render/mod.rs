@@ -452,7 +452,7 @@ impl Rendering {
     /// What takes noise off the film: where its light is, or will be, looked up, and its error is measured with what that blurs in it. Not
     /// where nothing is diffuse, and so nothing can be looked up, whatever effects are forced on.
     fn denoises(&self) -> Option<Denoising> {
-        let is_filtered = self.is_looked_up() && self.has_diffuse && !self.settings.keeps_noise;
+        let is_filtered = self.is_looked_up() && self.has_diffuse && self.settings.takes_noise_off();
         is_filtered.then(|| self.denoising.clone())
     }
 

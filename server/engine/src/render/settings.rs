@@ -157,7 +157,8 @@ impl RenderSettings {
     ///
     /// - `plan`: of the scene
     pub(super) fn notes_beyond(&self, plan: &EffectPlan) -> bool {
-        self.takes_noise_off() && (plan.is_on(EffectKind::Mirror) || plan.is_on(EffectKind::Glass))
+        let shows_others = plan.is_on(EffectKind::Mirror) || plan.is_on(EffectKind::Glass);
+        self.takes_noise_off() && plan.facts.diffuse > 0 && shows_others
     }
 
     /// It also looks at light that comes by way of mirrors and glass.
