@@ -114,7 +114,7 @@ fn first_seen(pixel: u32) -> FirstSeen {
         if is_shown(class_of_light) {
             let light = light_of(at, class_of_light);
             seen.radiance += light;
-            // What is seen of emitters straight is left alone.
+            // What is seen of emitters straight or in mirrors is left alone.
             if class_of_light != EMITTED || !is_shining {
                 seen.light += light;
             }

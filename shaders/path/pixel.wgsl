@@ -23,7 +23,7 @@ fn sampler_of(slot: u32, path: Path) -> PixelSampler {
     return PixelSampler(path.key, pass_header.index);
 }
 
-/// Takes note that what is seen first shines by itself, or is beyond the scene.
+/// Takes note that what is seen straight or in mirrors shines by itself, or is beyond the scene.
 fn note_shining(slot: u32) {
     samples[slot].is_shining = 1u;
 }

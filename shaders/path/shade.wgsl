@@ -3,7 +3,7 @@
 //
 // Where `LOOKS_PAST`, diffuse surfaces that are too near to be answered for are looked past. Where `SHADOWS_KNOWN`, what lies
 // near the first diffuse surface from the eye shadows what is known of the light there, and is looked at. What a path passed
-// is a word: bits 0 to 2 as below, from bit 3 up how many surfaces it looked past.
+// is a word: bits 0 to 3 as below, from bit 4 up how many surfaces it looked past.
 
 /// The first diffuse surface was too near to be answered for, or what lies near it is looked at.
 const IS_NEAR: u32 = 1u;
@@ -11,7 +11,9 @@ const IS_NEAR: u32 = 1u;
 const IS_BY_MIRRORS: u32 = 2u;
 /// Some surface was neither a mirror nor clear glass, or the path went where glass shows less from.
 const IS_CLOUDED: u32 = 4u;
-const NEAR_COUNT_SHIFT: u32 = 3u;
+/// Some surface was glass.
+const IS_BY_GLASS: u32 = 8u;
+const NEAR_COUNT_SHIFT: u32 = 4u;
 
 /// Those of classes that are asked for; all; those of other lobes than the diffuse one.
 const FOLLOWED_WANTED: u32 = 0u;
@@ -40,10 +42,13 @@ fn advance(slot: u32) -> bool {
     let is_beyond_near = (passing & IS_NEAR) != 0u && path.class_so_far != EMITTED;
     // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
     let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
+    // From the eye, or by way of mirrors alone: what shines is shown as it is.
+    let is_straight = (passing & (IS_CLOUDED | IS_BY_GLASS)) == 0u;
     if hit.instance == NO_INDEX {
-        if path.bounce == 0u {
+        if is_straight {
             note_shining(slot);
-        } else if (passing & IS_CLOUDED) == 0u {
+        }
+        if path.bounce > 0u && (passing & IS_CLOUDED) == 0u {
             note_beyond(slot, path.throughput, -path.direction);
         }
         if !is_beyond_mirrors && !has_gathered(path, 2u) {
@@ -58,11 +63,11 @@ fn advance(slot: u32) -> bool {
     path.throughput *= transmittance(path.medium, hit.t);
     if path.bounce == 0u {
         note_first(slot, shown_albedo(surface), surface.frame.n, surface.point.position, hit.t);
-        if any(surface.emitted + surface.unlit > vec3f(0.0)) {
-            note_shining(slot);
-        }
     } else if (passing & IS_CLOUDED) == 0u && !is_clear(surface.bsdf) {
         note_beyond(slot, path.throughput * shown_albedo(surface), surface.frame.n);
+    }
+    if is_straight && any(surface.emitted + surface.unlit > vec3f(0.0)) {
+        note_shining(slot);
     }
     if !is_beyond_mirrors {
         add_emission(slot, path, hit, surface);
@@ -338,7 +343,8 @@ fn scatter(
     }
     (*path).passing = (passing & ~IS_BY_MIRRORS)
         | select(0u, IS_BY_MIRRORS, drawn.is_specular)
-        | select(IS_CLOUDED, 0u, stays_clear);
+        | select(IS_CLOUDED, 0u, stays_clear)
+        | select(0u, IS_BY_GLASS, HAS_GLASS && surface.bsdf.kind == GLASS);
     if drawn.is_specular {
         (*path).lost_m = 0.0;
     }

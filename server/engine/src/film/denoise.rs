@@ -153,7 +153,7 @@ struct Seen {
     carried: Rgb,
     /// Of the mean luminance, (W/(m² sr))².
     variance: f64,
-    /// Emitters are seen straight, if only in a part of the pixel.
+    /// Emitters are seen straight or in mirrors, if only in a part of the pixel.
     is_shining: bool,
     /// Of the first surface, or of what is seen beyond a mirror or glass.
     albedo: Rgb,

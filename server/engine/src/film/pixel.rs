@@ -15,8 +15,8 @@ pub struct PixelSample {
     pub normal: Vec3,
     /// Distance of the first hit along the camera's axis, metres; 0 when nothing was hit.
     pub depth_m: f32,
-    /// The first hit shines by itself, or nothing was hit: light of [`PathClass::Emitted`] comes straight from there. Else it is seen in
-    /// a mirror, through glass or in a gloss.
+    /// What is seen straight or in mirrors shines by itself, or nothing was hit: light of [`PathClass::Emitted`] comes from there as it is. Else
+    /// it is seen through glass or in a gloss, by samples that meet it or not.
     pub is_shining: bool,
     /// What is seen in mirrors or through clear glass, where the first hit is one.
     pub beyond: Option<Beyond>,
@@ -144,7 +144,7 @@ impl BeyondSums {
     }
 }
 
-/// What samples met first, in four bytes: how many met anything, and whether any met what shines by itself or saw past all.
+/// What samples met, in four bytes: how many met anything, and whether any met what shines by itself or saw past all, straight or in mirrors.
 #[derive(Clone, Copy, Debug, Default)]
 struct FirstHits(u32);
 
@@ -242,7 +242,7 @@ impl Pixel {
         }
     }
 
-    /// Some sample met what shines by itself first, or nothing that hides what shines around the scene.
+    /// Some sample met what shines by itself, or nothing that hides what shines around the scene, straight or in mirrors.
     pub(super) fn is_shining(&self) -> bool {
         self.first_hits.are_shining()
     }

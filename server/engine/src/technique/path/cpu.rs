@@ -7,6 +7,7 @@ mod underway;
 
 use glam::Vec3;
 
+pub(super) use noted::Sightline;
 #[cfg(feature = "gpu")]
 pub(super) use underway::Underway;
 
@@ -118,8 +119,8 @@ struct Path<'a> {
     /// Scatterings since a broad gloss for which light by way of mirrors was gathered, that one included; 0 before there is one,
     /// and after a diffuse one.
     since_gathered: u32,
-    /// It met nothing but mirrors and clear glass so far, and went where those show most from.
-    is_clear: bool,
+    /// By way of what it came from the eye.
+    sightline: Sightline,
     /// What its first ray met.
     seen: Option<Seen<'a>>,
     sampler: &'a PixelSampler,
@@ -189,7 +190,7 @@ impl Tracer<'_> {
             near_count: 0,
             is_by_mirrors: false,
             since_gathered: 0,
-            is_clear: true,
+            sightline: Sightline::Straight,
             seen,
             sampler,
         };
@@ -451,7 +452,7 @@ impl Tracer<'_> {
             n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
             pdf_solid_angle,
         });
-        path.is_clear &= surface.bsdf.is_clear() && surface.bsdf.shows_most_from(wo_local, drawn.wi);
+        path.sightline = path.sightline.after(&surface.bsdf, wo_local, drawn.wi);
         if wo_local.z * drawn.wi.z < 0.0 {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }

@@ -319,9 +319,9 @@ impl GpuPathTracer {
     /// Adds that to the samples, and says what it took.
     fn add_followed(&mut self, handed: &Handed, followed: &[Followed]) -> Counts {
         let samples = &mut self.samples[handed.first_pixel..];
-        for Followed { slot, radiance, beyond, .. } in followed {
+        for Followed { slot, sample: more, .. } in followed {
             if let Some(sample) = samples.get_mut(*slot) {
-                sample.add(radiance, beyond.as_ref());
+                sample.add(more);
                 self.completed.push(handed.first_pixel + slot);
             }
         }

@@ -2,10 +2,10 @@
 
 use glam::Vec3;
 
-use super::{LastVertex, Path, Tracer};
+use super::{LastVertex, Path, Sightline, Tracer};
 use crate::{
     accel::Ray,
-    film::{Beyond, PixelSample},
+    film::PixelSample,
     math::{Rgb, sobol::PixelSampler},
     technique::path::Tally,
     transport::{Absorption, PathClass},
@@ -28,14 +28,14 @@ pub(in crate::technique::path) struct Underway {
     pub(in crate::technique::path) near_count: u32,
     pub(in crate::technique::path) is_by_mirrors: bool,
     pub(in crate::technique::path) since_gathered: u32,
-    pub(in crate::technique::path) is_clear: bool,
+    pub(in crate::technique::path) sightline: Sightline,
     /// Whose numbers it goes on by.
     pub(in crate::technique::path) sampler: PixelSampler,
 }
 
 impl Tracer<'_> {
-    /// What a path brings from its next surface on: light, by class, W/(m² sr), also of classes that are not shown, and what is seen beyond
-    /// mirrors and glass if that is found there.
+    /// What a path brings from its next surface on: light, also of classes that are not shown, and what is seen by way of mirrors and
+    /// glass if that is found there. Nothing of the first hit.
     ///
     /// The tracer is to do as whoever began the path: where that had no guide and knew no openings, it has none either, since what is seen
     /// at the next surface is weighed by what its last one could have sampled.
@@ -43,7 +43,7 @@ impl Tracer<'_> {
         &self,
         underway: &Underway,
         tally: &mut impl Tally,
-    ) -> ([Rgb; PathClass::COUNT], Option<Beyond>) {
+    ) -> PixelSample {
         let last =
             underway.last.map(|(position, n, pdf_solid_angle)| LastVertex { position, n, pdf_solid_angle });
         let mut path = Path {
@@ -60,7 +60,7 @@ impl Tracer<'_> {
             near_count: underway.near_count,
             is_by_mirrors: underway.is_by_mirrors,
             since_gathered: underway.since_gathered,
-            is_clear: underway.is_clear,
+            sightline: underway.sightline,
             seen: None,
             sampler: &underway.sampler,
         };
@@ -70,6 +70,6 @@ impl Tracer<'_> {
                 break;
             }
         }
-        (sample.radiance, sample.beyond)
+        sample
     }
 }

@@ -186,8 +186,9 @@ impl GpuGatherer {
         };
         for followed in handed::follow(&on_cpu, &slice.handed, |slot| Some(rays.get(slot)?.index)) {
             counts += followed.counts;
-            let of_class =
-                |class: &PathClass| brought.contains(*class).then(|| followed.radiance[*class as usize]);
+            let of_class = |class: &PathClass| {
+                brought.contains(*class).then(|| followed.sample.radiance[*class as usize])
+            };
             let more =
                 PathClass::ALL.iter().filter_map(of_class).fold(Rgb::BLACK, |sum, of_class| sum + of_class);
             if let Some(arrived) = arrived.get_mut(followed.slot) {

@@ -13,12 +13,12 @@ use rayon::prelude::*;
 use super::tracing::PATH_BYTES;
 use crate::{
     accel::{Ray, TriangleId},
-    film::Beyond,
+    film::PixelSample,
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session},
-    math::{Rgb, sobol::PixelSampler},
+    math::sobol::PixelSampler,
     technique::{
         Counts,
-        path::cpu::{Tracer, Underway},
+        path::cpu::{Sightline, Tracer, Underway},
     },
     transport::{PathClass, World},
 };
@@ -35,9 +35,10 @@ pub(super) const HANDED_AFTER: u32 = 16;
 /// `Path::passing` in WGSL.
 pub(super) const IS_NEAR: u32 = 1;
 pub(super) const IS_BY_MIRRORS: u32 = 2;
-/// Not clear any more: a fresh path's word is nothing.
+/// By way of more than mirrors: a fresh path's word is nothing.
 pub(super) const IS_CLOUDED: u32 = 4;
-pub(super) const NEAR_COUNT_SHIFT: u32 = 3;
+pub(super) const IS_BY_GLASS: u32 = 8;
+pub(super) const NEAR_COUNT_SHIFT: u32 = 4;
 
 /// `Path` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -100,7 +101,11 @@ impl GpuHandedPath {
             near_count: path.passing >> NEAR_COUNT_SHIFT,
             is_by_mirrors: path.passing & IS_BY_MIRRORS != 0,
             since_gathered: path.since_gathered,
-            is_clear: path.passing & IS_CLOUDED == 0,
+            sightline: match path.passing {
+                passing if passing & IS_CLOUDED != 0 => Sightline::Clouded,
+                passing if passing & IS_BY_GLASS != 0 => Sightline::Glass,
+                _ => Sightline::Straight,
+            },
             sampler: PixelSampler::named(key, index),
         })
     }
@@ -111,10 +116,8 @@ impl GpuHandedPath {
 pub(super) struct Followed {
     /// Of its slice.
     pub(super) slot: usize,
-    /// W/(m² sr) by class.
-    pub(super) radiance: [Rgb; PathClass::COUNT],
-    /// What is seen beyond mirrors and glass, if that was not found before.
-    pub(super) beyond: Option<Beyond>,
+    /// Light, and what is seen by way of mirrors and glass, if that was not found before.
+    pub(super) sample: PixelSample,
     pub(super) counts: Counts,
 }
 
@@ -135,8 +138,8 @@ pub(super) fn follow(
         let slot = handed.slot as usize;
         let mut counts = Counts::default();
         let underway = handed.underway(tracer.world, index(slot)?)?;
-        let (radiance, beyond) = tracer.follow(&underway, &mut counts);
-        Some(Followed { slot, radiance, beyond, counts })
+        let sample = tracer.follow(&underway, &mut counts);
+        Some(Followed { slot, sample, counts })
     };
     handed.par_iter().with_max_len(1).filter_map(followed).collect()
 }

@@ -6,7 +6,6 @@ use glam::Vec3;
 use crate::{
     film::{Beyond, PixelSample},
     math::Rgb,
-    transport::PathClass,
 };
 
 /// `PixelSample` in WGSL.
@@ -42,12 +41,13 @@ impl GpuPixelSample {
     }
 
     /// Adds what its path has brought since.
-    pub(super) fn add(&mut self, radiance: &[Rgb; PathClass::COUNT], beyond: Option<&Beyond>) {
+    pub(super) fn add(&mut self, more: &PixelSample) {
         let classes = [&mut self.emitted, &mut self.direct, &mut self.caustic, &mut self.indirect];
-        for (sum, more) in classes.into_iter().zip(radiance) {
-            *sum = (Rgb::from(*sum) + *more).to_array();
+        for (sum, more) in classes.into_iter().zip(more.radiance) {
+            *sum = (Rgb::from(*sum) + more).to_array();
         }
-        if let Some(beyond) = beyond {
+        self.is_shining |= u32::from(more.is_shining);
+        if let Some(beyond) = &more.beyond {
             self.note_beyond(beyond);
         }
     }

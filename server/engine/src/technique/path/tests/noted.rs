@@ -128,6 +128,46 @@ fn what_total_reflection_shows_is_noted() {
     noted.into_iter().for_each(|beyond| assert_same(beyond, tint * albedo * 2.25, Vec3::NEG_X));
 }
 
+/// What shines is told as such where it is shown as it is: straight, and by mirrors alone. Glass shows it in one sample and not in the next, and
+/// so does a coat.
+#[test]
+fn what_shines_is_noted_straight_and_in_mirrors() {
+    let ahead = Vec3::new(0.1, 0.05, -1.0).normalize();
+    let back = ahead * Vec3::new(1.0, 1.0, -1.0);
+    let mirror = || metal(Rgb::new(0.9, 0.8, 0.7), 0.0);
+    let pane = Material { base_color: Rgb::WHITE, transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let coated = Material { roughness: 0.0, ..Material::default() };
+    let count_of = |samples: &[PixelSample]| samples.iter().filter(|sample| sample.is_shining).count();
+    let all = SAMPLES as usize;
+    let unlit = Material { unlit: true, ..Material::lambert(Rgb::new(0.3, 0.6, 0.1)) };
+    for (wall, shines) in [
+        (Some(Material::emitter(Rgb::splat(3.0))), true),
+        (Some(unlit), true),
+        (None, true),
+        (Some(Material::lambert(Rgb::WHITE)), false),
+    ] {
+        let here = || stage(wall.clone());
+        let counts = [
+            samples_of(here(), back),
+            samples_of(with_front(here(), mirror()), ahead),
+            samples_of(with_front(here(), pane.clone()), ahead),
+            samples_of(with_front(here(), coated.clone()), ahead),
+        ]
+        .map(|samples| count_of(&samples));
+        let shown = if shines { all } else { 0 };
+        assert_eq!(counts, [shown, shown, 0, 0], "{wall:?}");
+    }
+    // From mirror to mirror, until one shows what shines; not once glass was on the way.
+    for (between, shown) in [(mirror(), all), (pane, 0)] {
+        let mut stage = stage(Some(Material::emitter(Rgb::splat(3.0))));
+        let aslant = SQUARE.map(|c| DVec3::new(c.x, c.y, c.x - 1.5));
+        placed(&mut stage, "aslant", between, |material| samples::quad(aslant, material));
+        let across = SQUARE.map(|c| DVec3::new(c.x - 1.5, c.y, -1.5 - c.x));
+        placed(&mut stage, "across", mirror(), |material| samples::quad(across, material));
+        assert_eq!(count_of(&samples_of(stage, Vec3::new(0.05, 0.02, -1.0).normalize())), shown);
+    }
+}
+
 /// What scatters, if little, is what is seen itself: nothing is noted beyond a coat, rough metal or what is seen in those.
 #[test]
 fn nothing_is_noted_beyond_what_scatters() {

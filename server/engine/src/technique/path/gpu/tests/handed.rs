@@ -159,7 +159,8 @@ fn compare(
     for GpuHandedPath { slot, .. } in &handed.paths {
         let samples = [&by_card.samples, &by_both.samples, &before];
         let [card, both, begun] = samples.map(|samples| samples[*slot as usize].unpacked());
-        let is_other_beyond = match (card.beyond, both.beyond) {
+        let is_other_seen = match (card.beyond, both.beyond) {
+            _ if card.is_shining != both.is_shining => true,
             (Some(card), Some(both)) => {
                 // Both are rounded to bytes.
                 let is_turned = card.normal.distance(both.normal) > 2.0 * BEYOND_TURN_MAX;
@@ -170,7 +171,7 @@ fn compare(
         noted += usize::from(begun.beyond.is_none() && both.beyond.is_some());
         let [card, both, begun] = [card, both, begun].map(|sample| sample.total());
         off.push(f64::from((both - card).mean()));
-        others += usize::from(is_other_beyond || off_rgb(card, both, 1e-4) > OFF_MAX);
+        others += usize::from(is_other_seen || off_rgb(card, both, 1e-4) > OFF_MAX);
         brought += usize::from(off_rgb(begun, both, 1e-4) > OFF_MAX);
     }
     assert!(others <= 1 + count / one_of, "{name}: {others} of {count}");

@@ -9,7 +9,9 @@ use lumicast_shaders::{
 };
 
 use super::{
-    super::handed::{GpuHandedPath, GpuPath, IS_BY_MIRRORS, IS_CLOUDED, IS_NEAR, NEAR_COUNT_SHIFT},
+    super::handed::{
+        GpuHandedPath, GpuPath, IS_BY_GLASS, IS_BY_MIRRORS, IS_CLOUDED, IS_NEAR, NEAR_COUNT_SHIFT,
+    },
     super::lookouts::GpuPlane,
     super::photons::{BOUNCE_BITS, ESCAPED, GpuKeptPhoton, GpuSentPhoton},
     super::sketch::{CELL_WORDS, GpuSketch, GpuWindows, PLACE_WORDS},
@@ -460,6 +462,7 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
         ("IS_NEAR", IS_NEAR),
         ("IS_BY_MIRRORS", IS_BY_MIRRORS),
         ("IS_CLOUDED", IS_CLOUDED),
+        ("IS_BY_GLASS", IS_BY_GLASS),
         ("NEAR_COUNT_SHIFT", NEAR_COUNT_SHIFT),
     ] {
         assert_eq!(numbers[name], f64::from(value), "{name}");
