@@ -15,6 +15,7 @@ mod statistics;
 mod stop;
 
 use std::{
+    num::NonZeroU32,
     path::Path,
     sync::{
         Arc,
@@ -209,7 +210,7 @@ impl<'a> Job<'a> {
             StopRule { time: Some(time), .. } => {
                 Learning::Alongside { until: self.moment(LEARNING_UNTIL * time.as_secs_f64()) }
             }
-            // So many samples of the best that can be known.
+            // Samples of what can be known.
             StopRule { samples: Some(_), .. } => Learning::First,
             StopRule { .. } => Learning::InStep,
         };
@@ -217,6 +218,11 @@ impl<'a> Job<'a> {
             RenderSettings { learning, backend: self.drawn_on.backend(), ..settings_of(self.args) };
         let mut illumination = IlluminationSettings::of(&settings);
         illumination.irradiance.weighing.accuracy = self.args.irradiance_accuracy;
+        if let StopRule { samples: Some(samples), time: None, error: None } = self.rule
+            && let Some(samples) = NonZeroU32::new(samples)
+        {
+            illumination.irradiance.visits = illumination.irradiance.visits.for_samples(samples);
+        }
         let scene = (self.world.clone(), illumination);
         let mut rendering = Rendering::learning_by(scene, self.view, self.size, settings);
         self.drawn_on.take(&mut rendering);

@@ -529,7 +529,9 @@ impl IrradianceCaching {
             let is_for_all = visits < self.settings.visits.least.get();
             // Asked before each round alone: what records become does not depend on how many are visited in a step.
             if !is_for_all && next == 0 {
-                if noise_of(self.visited().skip(self.settled)) <= f64::from(self.settings.noise).powi(2) {
+                if noise_of(self.visited().skip(self.settled))
+                    <= f64::from(self.settings.visits.noise).powi(2)
+                {
                     return (self.visits_max(), Vec::new());
                 }
                 next = self.settled;
@@ -550,7 +552,7 @@ impl IrradianceCaching {
     }
 
     fn visits_max(&self) -> u32 {
-        let Visits { least, most } = self.settings.visits;
+        let Visits { least, most, .. } = self.settings.visits;
         least.max(most).get()
     }
 }

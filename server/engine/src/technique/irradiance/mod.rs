@@ -57,8 +57,7 @@ pub struct IrradianceSettings {
     pub weighing: Weighing,
     /// Rays of a record, about; half as many where the light is even enough.
     pub ray_count: NonZeroUsize,
-    /// Noise of a record's irradiance from which on more rays are not worth their time, a share of it; and of all together, from which on
-    /// more visits are not.
+    /// Noise of a record's irradiance from which on more rays are not worth their time, a share of it.
     pub noise: f32,
     /// How often light is gathered for a record: once for all, then again for all.
     pub visits: Visits,
@@ -93,7 +92,9 @@ const STEEP_FINER_MAX: f32 = 4.0;
 const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 /// By 32 visits three narrow spots by `auto` are off by half of what they were by four after 30 s; more would keep a picture of few samples
 /// waiting for longer yet.
-const VISITS: Visits = Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap() };
+const VISITS: Visits =
+    Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap(), noise: NOISE };
+const NOISE: f32 = 0.03;
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
 
 impl Default for IrradianceSettings {
@@ -101,7 +102,7 @@ impl Default for IrradianceSettings {
         IrradianceSettings {
             weighing: Weighing { accuracy: 0.15, is_smooth: true, has_gradients: true },
             ray_count: RAY_COUNT,
-            noise: 0.03,
+            noise: NOISE,
             visits: VISITS,
             records_per_batch: RECORDS_PER_BATCH,
             records_max: 500_000,

@@ -5,20 +5,39 @@ use std::num::NonZeroU32;
 use crate::math::Rgb;
 
 /// How often light is gathered for a record.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Visits {
     /// In any case.
     pub least: NonZeroU32,
-    /// At most, and no fewer than `least`: as long as the noise of all together is more than [`super::IrradianceSettings::noise`]. Not of each
-    /// by itself: those that by chance never met what is bright and small are the quiet ones, and to leave them alone would leave them too
-    /// dark.
+    /// At most, and no fewer than `least`: as long as the noise of all together is more than `noise`. Not of each by itself: those that by
+    /// chance never met what is bright and small are the quiet ones, and to leave them alone would leave them too dark.
     pub most: NonZeroU32,
+    /// Of the irradiance of all together, from which on more visits are not worth their time; a share of it.
+    pub noise: f32,
 }
+
+/// What records may have of it in a picture of one sample a pixel, whose own noise is most often more by far. In a room of glass and small lamps
+/// records of 3 % took 59 s for a picture of 16 samples with an error of 13.9 %, and those of the 6 % that this leaves take 13 s for the same error.
+const NOISE_OF_A_SAMPLE: f32 = 0.24;
+/// In any case light is gathered once for so many samples a pixel, and twice at least: by fewer visits no noise is known.
+const SAMPLES_OF_A_VISIT: u32 = 4;
+const VISITS_TELLING: NonZeroU32 = NonZeroU32::new(2).unwrap();
 
 impl Visits {
     /// As often for each.
     pub const fn exactly(count: NonZeroU32) -> Visits {
-        Visits { least: count, most: count }
+        Visits { least: count, most: count, noise: 0.0 }
+    }
+
+    /// Those that a picture of so many samples a pixel is worth, if it is all that comes of them: noise falls with the root of its samples,
+    /// and so does what records may add to it.
+    pub fn for_samples(self, samples: NonZeroU32) -> Visits {
+        let worth = NonZeroU32::new(samples.get() / SAMPLES_OF_A_VISIT).unwrap_or(VISITS_TELLING);
+        Visits {
+            least: self.least.min(worth.max(VISITS_TELLING)),
+            noise: self.noise.max(NOISE_OF_A_SAMPLE / (samples.get() as f32).sqrt()),
+            ..self
+        }
     }
 }
 

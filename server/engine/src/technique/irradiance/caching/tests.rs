@@ -194,10 +194,10 @@ fn a_full_cache_makes_room_once() {
 fn noisy_records_are_visited_until_they_are_known() {
     let world = room();
     let camera = two_cameras(&world)[0];
-    let of = |spot: f32, noise: f32| {
+    let visits = |noise: f32| Visits { most: 24.try_into().unwrap(), noise, ..with_rays(40).visits };
+    let of = |spot: f32, visits: Visits| {
         let painted = move |p: Vec3| Rgb::WHITE * if (p - Vec3::ONE).length() < 0.3 { spot } else { 1.0 };
-        let visits = Visits { most: 24.try_into().unwrap(), ..with_rays(40).visits };
-        let settings = IrradianceSettings { visits, noise, ..with_rays(40) };
+        let settings = IrradianceSettings { visits, ..with_rays(40) };
         let mut caching = IrradianceCaching::new(settings, Arc::new(Painted(painted)), None);
         caching.look(0, &camera, PictureSize::new(32, 24).unwrap());
         finish(&mut caching, &world);
@@ -206,10 +206,20 @@ fn noisy_records_are_visited_until_they_are_known() {
         assert_eq!(caching.gathered_count(), u64::from(counts[0]) * counts.len() as u64);
         (caching, counts[0])
     };
-    assert_eq!([0.03, 1e-4].map(|noise| of(1.0, noise).1), [4, 4], "without noise");
-    assert_eq!(of(100.0, 0.01).1, 24);
+    assert_eq!([0.03, 1e-4].map(|noise| of(1.0, visits(noise)).1), [4, 4], "without noise");
+    assert_eq!(of(100.0, visits(0.01)).1, 24);
+    // For a picture of few samples, which has noise of its own, until they have hardly more; for one of many as in any case.
+    let for_samples = |samples: u32| visits(0.03).for_samples(samples.try_into().unwrap());
+    let [one, four, many] = [1, 4, 64].map(|samples| of(40.0, for_samples(samples)));
+    assert!(one.1 < four.1 && four.1 < many.1, "{} {} {}", one.1, four.1, many.1);
+    assert_eq!(for_samples(64), visits(0.03));
+    assert_eq!(
+        [1, 11, 12, 15, 16, u32::MAX].map(|samples| for_samples(samples).least.get()),
+        [2, 2, 3, 3, 4, 4]
+    );
+    assert_eq!(of(1.0, for_samples(1)).1, 2, "no fewer than tell of noise");
     let noise = |caching: &IrradianceCaching| noise_of(caching.visited());
-    let (caching, visits) = of(100.0, 0.25);
+    let (caching, visits) = of(100.0, visits(0.25));
     assert!((5..24).contains(&visits) && noise(&caching) <= 0.0625, "{visits}: {}", noise(&caching));
     let settings = IrradianceSettings { seed: 77, ..caching.cache.settings };
     let never = std::sync::atomic::AtomicBool::new(false);
@@ -236,8 +246,8 @@ fn later_records_are_judged_by_themselves() {
     let cameras = two_cameras(&world);
     // Even light on all that the first camera sees; a spot behind it.
     let painted = |p: Vec3| Rgb::WHITE * if (p - Vec3::ONE).length() < 0.3 { 100.0 } else { 1.0 };
-    let visits = Visits { most: 12.try_into().unwrap(), ..with_rays(40).visits };
-    let settings = IrradianceSettings { visits, noise: 0.05, ..with_rays(40) };
+    let visits = Visits { most: 12.try_into().unwrap(), noise: 0.05, ..with_rays(40).visits };
+    let settings = IrradianceSettings { visits, ..with_rays(40) };
     let mut caching = IrradianceCaching::new(settings, Arc::new(Painted(|_| Rgb::WHITE)), None);
     caching.look(0, &cameras[0], PictureSize::new(32, 24).unwrap());
     finish(&mut caching, &world);
