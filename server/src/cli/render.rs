@@ -15,7 +15,6 @@ mod statistics;
 mod stop;
 
 use std::{
-    num::NonZeroU32,
     path::Path,
     sync::{
         Arc,
@@ -218,11 +217,7 @@ impl<'a> Job<'a> {
             RenderSettings { learning, backend: self.drawn_on.backend(), ..settings_of(self.args) };
         let mut illumination = IlluminationSettings::of(&settings);
         illumination.irradiance.weighing.accuracy = self.args.irradiance_accuracy;
-        if let StopRule { samples: Some(samples), time: None, error: None } = self.rule
-            && let Some(samples) = NonZeroU32::new(samples)
-        {
-            illumination.irradiance.visits = illumination.irradiance.visits.for_samples(samples);
-        }
+        illumination.irradiance.visits = self.rule.visits(illumination.irradiance.visits);
         let scene = (self.world.clone(), illumination);
         let mut rendering = Rendering::learning_by(scene, self.view, self.size, settings);
         self.drawn_on.take(&mut rendering);

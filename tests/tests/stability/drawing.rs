@@ -51,7 +51,7 @@ pub(crate) fn techniques() -> impl Iterator<Item = Technique> {
 }
 
 /// `LUMICAST_LAWS=short`: cards draw the first scene of each law alone, by one technique, since lavapipe draws several times as long as the
-/// CPU does, and so does `auto`; whether laws can fail is tried on the CPU.
+/// CPU does; `auto` draws no other scene either, which the techniques that it is made of do; whether laws can fail is tried on the CPU.
 pub(crate) fn are_short() -> bool {
     let asked = std::env::var("LUMICAST_LAWS").ok();
     assert!(

@@ -2,8 +2,8 @@
 //! surface and differ by no more than their noise. Of mirrors and clear glass it is the surface that is seen in them or through them.
 //!
 //! An à-trous filter [Dammertz2010], guided by the variance of the samples [Schied2017]: levels of 3 × 3 pixels, twice as far
-//! apart from level to level. What is filtered is light over albedo, so that textures stay; light seen straight from emitters is left
-//! alone, but not their images in mirrors, glass and glosses. Two pixels count as one by normal, depth beyond the slope of the
+//! apart from level to level. What is filtered is light over albedo, so that textures stay; light of emitters that is seen straight or in
+//! mirrors is left alone, but not their images in glass and glosses. Two pixels count as one by normal, depth beyond the slope of the
 //! surface, albedo, and by how far their light differs, in standard deviations of what is left of the noise at that level, of the
 //! better known of them.
 //! **Biased**: it blurs light that changes by less than its noise. Consistent: with the samples the deviations fall, and what
@@ -60,7 +60,7 @@ pub(super) struct Denoised {
     pub(super) change: Vec<Rgb>,
     /// Variance of each pixel's luminance that is left, (W/(m² sr))²; zero after a single pass.
     pub(super) variance: Vec<f32>,
-    /// Share of the noise, as relMSE, that is left where no emitter is seen straight.
+    /// Share of the noise, as relMSE, that is left where no emitter is seen straight or in mirrors.
     pub(super) noise_left: f64,
 }
 

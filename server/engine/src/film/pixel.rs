@@ -117,7 +117,7 @@ pub(super) struct Pixel {
     pub(super) albedo_sum: Rgb,
     pub(super) normal_sum: Vec3,
     depth_sum_m: f32,
-    first_hits: FirstHits,
+    met: Met,
 }
 
 /// Sums over the samples of one pixel that note what is [`Beyond`].
@@ -146,9 +146,9 @@ impl BeyondSums {
 
 /// What samples met, in four bytes: how many met anything, and whether any met what shines by itself or saw past all, straight or in mirrors.
 #[derive(Clone, Copy, Debug, Default)]
-struct FirstHits(u32);
+struct Met(u32);
 
-impl FirstHits {
+impl Met {
     const SHINING: u32 = 1 << 31;
 
     fn add(&mut self, is_hit: bool, is_shining: bool) {
@@ -185,7 +185,7 @@ impl Pixel {
             self.add_deviation(value, mean_before, luminance(self.total_mean(held.after_one_more())));
         }
         self.albedo_sum += sample.albedo;
-        self.first_hits.add(sample.depth_m > 0.0, sample.is_shining);
+        self.met.add(sample.depth_m > 0.0, sample.is_shining);
         if sample.depth_m > 0.0 {
             self.normal_sum += sample.normal;
             self.depth_sum_m += sample.depth_m;
@@ -236,7 +236,7 @@ impl Pixel {
 
     /// Mean depth of the samples that hit; 0 without any.
     pub(super) fn depth_mean_m(&self) -> f32 {
-        match self.first_hits.count() {
+        match self.met.count() {
             0 => 0.0,
             count => self.depth_sum_m / count as f32,
         }
@@ -244,7 +244,7 @@ impl Pixel {
 
     /// Some sample met what shines by itself, or nothing that hides what shines around the scene, straight or in mirrors.
     pub(super) fn is_shining(&self) -> bool {
-        self.first_hits.are_shining()
+        self.met.are_shining()
     }
 
     /// Variance of the mean luminance; 0 below two passes.

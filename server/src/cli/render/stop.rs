@@ -1,8 +1,8 @@
 //! When a rendering is done.
 
-use std::time::Duration;
+use std::{num::NonZeroU32, time::Duration};
 
-use lumicast_engine::{film::MeasuredError, render::Rendering};
+use lumicast_engine::{film::MeasuredError, render::Rendering, technique::irradiance::Visits};
 
 /// Why a rendering ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,6 +57,12 @@ impl StopRule {
         } else {
             StopRule { samples, time, error }
         }
+    }
+
+    /// How often light is gathered for records: as often as a number of samples is worth, if nothing else is asked for.
+    pub(super) fn visits(&self, usual: Visits) -> Visits {
+        let alone = self.samples.filter(|_| self.time.is_none() && self.error.is_none());
+        alone.and_then(NonZeroU32::new).map_or(usual, |samples| usual.for_samples(samples))
     }
 
     /// Whether a picture of whole passes is done. Depends on nothing but its films, so that without a time limit the
@@ -120,6 +126,7 @@ mod tests {
     use lumicast_engine::{
         film::{Film, PictureSize, PixelSample},
         math::Rgb,
+        technique::irradiance::IrradianceSettings,
     };
 
     fn film_of(passes: u32, radiance: impl Fn(u32) -> f32) -> Film {
@@ -154,6 +161,19 @@ mod tests {
         let rule = StopRule::new(None, None, None);
         assert_eq!((rule.time, rule.error), (Some(Duration::from_secs(60)), Some(0.02)));
         assert_eq!(StopRule::new(Some(1), None, None).time, None);
+    }
+
+    /// Where a time or an error is asked for, or many samples are, light is learnt as well as ever.
+    #[test]
+    fn light_is_learnt_for_few_samples_alone() {
+        let usual = IrradianceSettings::default().visits;
+        let of = |samples, time, error| StopRule::new(samples, time, error).visits(usual);
+        let few = of(Some(4), None, None);
+        assert!(few == usual.for_samples(4.try_into().unwrap()) && few != usual, "{few:?}");
+        assert_eq!(of(Some(64), None, None), usual);
+        assert_eq!(of(Some(4), Some(Duration::from_secs(9)), None), usual);
+        assert_eq!(of(Some(4), None, Some(0.1)), usual);
+        assert_eq!(of(None, None, None), usual);
     }
 
     /// Checks are at even counts, at most 13 % apart from 16 on.

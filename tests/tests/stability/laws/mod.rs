@@ -26,8 +26,7 @@ fn at_night(by_default: usize, nightly: usize) -> usize {
 /// The techniques by which a scene of a law is drawn.
 ///
 /// - `at`: among the law's scenes
-/// - `on_card`: the technique by which a card draws the first of them where laws are short; the chain of the CPU's then draws no other either,
-///   whose links do
+/// - `on_card`: the technique by which a card draws the first of them where laws are short; `auto` then draws no other either
 fn for_scene(at: usize, on_card: Indirect) -> impl Iterator<Item = Technique> {
     let is_short = are_short();
     techniques().filter(move |Technique { indirect, backend }| match backend {

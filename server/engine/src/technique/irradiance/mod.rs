@@ -93,8 +93,7 @@ const RAY_COUNT: NonZeroUsize = NonZeroUsize::new(400).unwrap();
 /// By 32 visits three narrow spots by `auto` are off by half of what they were by four after 30 s; more would keep a picture of few samples
 /// waiting for longer yet.
 const VISITS: Visits =
-    Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap(), noise: NOISE };
-const NOISE: f32 = 0.03;
+    Visits { least: NonZeroU32::new(4).unwrap(), most: NonZeroU32::new(32).unwrap(), noise: 0.03 };
 const RECORDS_PER_BATCH: NonZeroUsize = NonZeroUsize::new(100).unwrap();
 
 impl Default for IrradianceSettings {
@@ -102,7 +101,7 @@ impl Default for IrradianceSettings {
         IrradianceSettings {
             weighing: Weighing { accuracy: 0.15, is_smooth: true, has_gradients: true },
             ray_count: RAY_COUNT,
-            noise: NOISE,
+            noise: 0.03,
             visits: VISITS,
             records_per_batch: RECORDS_PER_BATCH,
             records_max: 500_000,

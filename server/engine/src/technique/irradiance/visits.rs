@@ -16,10 +16,11 @@ pub struct Visits {
     pub noise: f32,
 }
 
-/// What records may have of it in a picture of one sample a pixel, whose own noise is most often more by far. In a room of glass and small lamps
+/// Noise that records may have in a picture of one sample a pixel, whose own is most often more by far. In a room of glass and small lamps
 /// records of 3 % took 59 s for a picture of 16 samples with an error of 13.9 %, and those of the 6 % that this leaves take 13 s for the same error.
 const NOISE_OF_A_SAMPLE: f32 = 0.24;
-/// In any case light is gathered once for so many samples a pixel, and twice at least: by fewer visits no noise is known.
+/// Light is gathered once for so many samples a pixel, as long as that is no more than in any case, and twice at least: by fewer visits no
+/// noise is known.
 const SAMPLES_OF_A_VISIT: u32 = 4;
 const VISITS_TELLING: NonZeroU32 = NonZeroU32::new(2).unwrap();
 

@@ -9,7 +9,7 @@ use crate::{
     transport::{Bsdf, Surface},
 };
 
-/// By way of what a path goes from the eye.
+/// By way of what a path goes from the eye, from best to worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::technique::path) enum Sightline {
     /// Of nothing, or of mirrors alone: what it meets is shown as it is, in their colour.

@@ -35,8 +35,9 @@ pub(super) const HANDED_AFTER: u32 = 16;
 /// `Path::passing` in WGSL.
 pub(super) const IS_NEAR: u32 = 1;
 pub(super) const IS_BY_MIRRORS: u32 = 2;
-/// By way of more than mirrors: a fresh path's word is nothing.
+/// Some surface was neither a mirror nor clear glass, or the path went where glass shows less from; a fresh path's word is nothing.
 pub(super) const IS_CLOUDED: u32 = 4;
+/// Some surface was glass.
 pub(super) const IS_BY_GLASS: u32 = 8;
 pub(super) const NEAR_COUNT_SHIFT: u32 = 4;
 

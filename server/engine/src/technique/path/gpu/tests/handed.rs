@@ -5,7 +5,9 @@ use std::f64::consts::PI;
 use glam::DQuat;
 
 use super::{
-    super::handed::{GpuHandedPath, HANDED_MAX, follow},
+    super::handed::{
+        GpuHandedPath, HANDED_MAX, IS_BY_GLASS, IS_BY_MIRRORS, IS_CLOUDED, IS_NEAR, NEAR_COUNT_SHIFT, follow,
+    },
     known_light::{ALL_STEPS, with_records},
     *,
 };
@@ -13,7 +15,7 @@ use crate::{
     accel::{Ray, TriangleId},
     math::Rgb,
     scene::{CameraView, Environment, samples},
-    technique::{Arrived, ArrivingLight, caustics::CausticLight},
+    technique::{Arrived, ArrivingLight, caustics::CausticLight, path::cpu::Sightline},
 };
 
 /// A pass in one slice, with the paths of it that have not ended.
@@ -97,10 +99,11 @@ fn paths_that_are_handed_over_bring_the_same() {
     for (name, shot, one_of) in shots {
         let scene = Arc::new(GpuScene::new(Arc::clone(&gpu), Arc::clone(&shot.world)));
         let mut off = Vec::new();
-        let noted: usize =
-            (0..PASSES).map(|number| compare(&shot, &scene, number, (name, one_of), &mut off)).sum();
-        // In mirrors that look into each other the CPU is who finds what is seen.
-        assert_eq!(noted > 0, name.starts_with("mirrors"), "{name}: {noted}");
+        let noted = (0..PASSES)
+            .map(|number| compare(&shot, &scene, number, (name, one_of), &mut off))
+            .fold([0; 2], |[a, b], [more_a, more_b]| [a + more_a, b + more_b]);
+        // In mirrors that look into each other the CPU is who finds what is seen, and that it shines.
+        assert_eq!(noted.map(|noted| noted > 0), [name.starts_with("mirrors"); 2], "{name}: {noted:?}");
         let [mean, of_squares] =
             [1, 2].map(|power| off.iter().map(|off: &f64| off.powi(power)).sum::<f64>() / off.len() as f64);
         let error = ((of_squares - mean * mean) / off.len() as f64).sqrt();
@@ -130,14 +133,14 @@ fn tube_under_a_sky(walls: &Material) -> Shot {
 /// One pass of it; adds by how much each path that was handed over is off, as a share of the mean.
 ///
 /// - `one_of`: so many paths at most one takes another decision
-/// - returns of how many the CPU notes what is beyond mirrors
+/// - returns of how many the CPU notes what is beyond mirrors, and of how many that it shines
 fn compare(
     shot: &Shot,
     scene: &Arc<GpuScene>,
     number: u32,
     (name, one_of): (&str, usize),
     off: &mut Vec<f64>,
-) -> usize {
+) -> [usize; 2] {
     let (by_card, none) = pass(shot, scene, number, false);
     assert!(none.paths.is_empty(), "{name}");
     let (mut by_both, handed) = pass(shot, scene, number, true);
@@ -155,7 +158,7 @@ fn compare(
     let before: Vec<GpuPixelSample> = by_both.samples.clone();
     let counts = by_both.add_followed(&handed, &followed);
     assert!(counts.rays as usize >= count && counts.paths == 0, "{name}: {counts:?}");
-    let (mut others, mut brought, mut noted) = (0, 0, 0);
+    let (mut others, mut brought, mut noted) = (0, 0, [0; 2]);
     for GpuHandedPath { slot, .. } in &handed.paths {
         let samples = [&by_card.samples, &by_both.samples, &before];
         let [card, both, begun] = samples.map(|samples| samples[*slot as usize].unpacked());
@@ -168,7 +171,8 @@ fn compare(
             }
             (card, both) => card.is_some() != both.is_some(),
         };
-        noted += usize::from(begun.beyond.is_none() && both.beyond.is_some());
+        noted[0] += usize::from(begun.beyond.is_none() && both.beyond.is_some());
+        noted[1] += usize::from(!begun.is_shining && both.is_shining);
         let [card, both, begun] = [card, both, begun].map(|sample| sample.total());
         off.push(f64::from((both - card).mean()));
         others += usize::from(is_other_seen || off_rgb(card, both, 1e-4) > OFF_MAX);
@@ -255,6 +259,27 @@ fn paths_go_on_in_what_they_were_in() {
     assert_eq!(medium_of(material + 1), Some(expected));
     for other in [0, material + 2, u32::MAX] {
         assert_ne!(medium_of(other), Some(expected), "{other}");
+    }
+}
+
+/// What a path went by from the eye is known where it goes on, whatever else it passed.
+#[test]
+fn handed_paths_know_what_they_are_seen_by() {
+    let shot = shot(closed_room(Material::lambert(Rgb::splat(0.5)), 0.3, |_| ()));
+    let of = |passing: u32| {
+        let mut handed = GpuHandedPath::zeroed();
+        handed.path.passing = passing;
+        let underway = handed.underway(&shot.world, 0).unwrap();
+        (underway.sightline, underway.near_count)
+    };
+    for others in [0, IS_NEAR, IS_BY_MIRRORS, IS_NEAR | IS_BY_MIRRORS] {
+        for near_count in [0, 1, 3] {
+            let word = others | near_count << NEAR_COUNT_SHIFT;
+            assert_eq!(of(word), (Sightline::Straight, near_count));
+            assert_eq!(of(word | IS_BY_GLASS), (Sightline::Glass, near_count));
+            assert_eq!(of(word | IS_CLOUDED), (Sightline::Clouded, near_count));
+            assert_eq!(of(word | IS_CLOUDED | IS_BY_GLASS), (Sightline::Clouded, near_count));
+        }
     }
 }
 
