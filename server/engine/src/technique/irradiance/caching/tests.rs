@@ -58,6 +58,31 @@ fn the_walk_leaves_no_pixel_out() {
     }
 }
 
+/// Cameras that look along axes at things of round sizes see edges in the very middles of pixels: a record there sees all that lies before its
+/// surface, and not half of what is behind the other one.
+#[test]
+fn records_in_edges_see_the_room() {
+    let world = room();
+    let camera = CameraView::look_at(DVec3::ZERO, DVec3::NEG_Z, DVec3::Y, 2.2);
+    let size = PictureSize::new(64, 64).unwrap();
+    let mut caching = IrradianceCaching::new(with_rays(60), Arc::new(Painted(|_| Rgb::WHITE)), None);
+    caching.look(0, &camera, size);
+    finish(&mut caching, &world);
+    let records = caching.cache().records();
+    // Two coordinates of a place in an edge are those of walls.
+    let edge_off = |record: &Record| {
+        let mut off = record.position.abs().to_array().map(|c| (1.0 - c).abs());
+        off.sort_by(f32::total_cmp);
+        off[1]
+    };
+    let in_edges = records.iter().filter(|record| edge_off(record) < 1e-3).count();
+    assert!(in_edges >= 8, "{in_edges} of {}", records.len());
+    for record in records {
+        let off = (record.irradiance.mean() / std::f32::consts::PI - 1.0).abs();
+        assert!(off < 1e-3, "{} of what comes in: {record:?}", 1.0 - off);
+    }
+}
+
 /// Where a card takes many records together the first ones come as soon as on the CPU, and later ones by as many as there may be.
 #[test]
 fn batches_grow() {
