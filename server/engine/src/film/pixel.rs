@@ -144,7 +144,8 @@ impl BeyondSums {
     }
 }
 
-/// What samples met, in four bytes: how many met anything, and whether any met what shines by itself or saw past all, straight or in mirrors.
+/// What samples met, in four bytes: how many met anything first, and whether any met what shines by itself or saw past all, straight or in
+/// mirrors.
 #[derive(Clone, Copy, Debug, Default)]
 struct Met(u32);
 

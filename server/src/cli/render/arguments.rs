@@ -55,8 +55,8 @@ pub struct RenderArgs {
     /// is left of whether it is reached. path measures itself and takes nothing
     #[arg(long, value_name = "PERCENT", default_value = "5%", value_parser = parse_measuring)]
     pub measuring: MeasuringShare,
-    /// Stop at this many samples per pixel. Where neither --time nor --error is given, octree and irradiance learn all
-    /// light first, irradiance as well as that many samples are worth
+    /// Stop at this many samples per pixel. Without --time octree and irradiance learn all light first; irradiance, without
+    /// --error too, only as well as that many samples are worth: 1 takes as long as 4
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub samples: Option<u32>,
     /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out. With --indirect auto,
