@@ -60,7 +60,7 @@ pub(super) struct Denoised {
     pub(super) change: Vec<Rgb>,
     /// Variance of each pixel's luminance that is left, (W/(m² sr))²; zero after a single pass.
     pub(super) variance: Vec<f32>,
-    /// Share of the noise, as relMSE, that is left where no emitter is seen straight or in mirrors.
+    /// Share of the noise, as relMSE, that is left.
     pub(super) noise_left: f64,
 }
 
@@ -151,6 +151,8 @@ struct Seen {
     light: Rgb,
     /// Of the class whose change is told.
     carried: Rgb,
+    /// Luminance of all classes, filtered or not, W/(m² sr).
+    shown: f32,
     /// Of the mean luminance, (W/(m² sr))².
     variance: f64,
     /// Emitters are seen straight or in mirrors, if only in a part of the pixel.
@@ -166,6 +168,7 @@ impl Seen {
     const NOTHING: Seen = Seen {
         light: Rgb::BLACK,
         carried: Rgb::BLACK,
+        shown: 0.0,
         variance: 0.0,
         is_shining: false,
         albedo: Rgb::BLACK,
@@ -203,6 +206,7 @@ impl Seen {
         Seen {
             light: sum(&light),
             carried: class.filter(|class| filtered(*class)).map_or(Rgb::BLACK, |class| sum(&[class])),
+            shown: sum(&PathClass::ALL).luminance(),
             variance: (spread - own) / passes + own / fewest,
             is_shining,
             albedo: surface.albedo.map(|channel| channel.min(SURFACE_MAX)),
@@ -313,8 +317,8 @@ impl Filter {
             return (vec![0.0; self.seen.len()], 1.0);
         }
         let squared = self.scale.powi(2);
-        let luminance = |seen: &Seen| f64::from(seen.light.luminance()) * self.scale;
-        let lights: Vec<f64> = sums_of(&self.seen, |seen| [luminance(seen)]).into_iter().flatten().collect();
+        let shown = |seen: &Seen| f64::from(seen.shown) * self.scale;
+        let lights: Vec<f64> = sums_of(&self.seen, |seen| [shown(seen)]).into_iter().flatten().collect();
         let mean = lights.iter().sum::<f64>() / self.seen.len() as f64;
         let floor = (0.01 * mean * mean).max(f64::MIN_POSITIVE);
         let last = light.count() - 1;
@@ -323,7 +327,7 @@ impl Filter {
             // No pixel is known less for having noisier neighbours.
             let left = (f64::from(light.place(index).at(last)) * seen.divisor_squared()).min(before);
             let left = if seen.is_shining { before } else { left + KEPT * (before - left) };
-            let weight = if seen.is_shining { 0.0 } else { 1.0 / (luminance(seen).powi(2) + floor) };
+            let weight = 1.0 / (shown(seen).powi(2) + floor);
             ([before * weight, left * weight], (left / squared).min(f64::from(f32::MAX)) as f32)
         });
         let (relative, variance): (Vec<[f64; 2]>, Vec<f32>) = known.unzip();

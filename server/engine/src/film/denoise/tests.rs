@@ -71,6 +71,25 @@ fn noise_goes_where_light_is_even() {
     }
 }
 
+/// Noise of lamps that are in view is left, and told with what is left of the rest.
+#[test]
+fn noise_of_lamps_in_view_is_told_as_left() {
+    let film = film_of(size(), 16, |x, y, pass| {
+        let noise = noise(x, y, pass);
+        if x < WIDTH / 2 {
+            return sheet(noise);
+        }
+        let mut sample = PixelSample { is_shining: true, ..sheet(0.0) };
+        sample.radiance[PathClass::Emitted as usize] = Rgb::splat(noise);
+        sample
+    });
+    let denoising = Denoising::default();
+    let picture = Picture::of(&film).denoised(&denoising);
+    let [raw, left] = [film.radiance(), picture.radiance()].map(|image| squared_error(&image, 0..WIDTH, 1.0));
+    let told = picture.noise_left();
+    assert!((0.9..1.1).contains(&(told * raw / left)), "{told} told of {}", left / raw);
+}
+
 /// Of a single pass nothing is known of the noise but how light differs around.
 #[test]
 fn one_pass_is_smoothed_by_what_lies_around() {
