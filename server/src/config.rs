@@ -95,6 +95,9 @@ settings! {
     /// triangle, 400 to 1,500 a record of irradiance, 100 a photon of caustics. A scene for which no room is left is drawn on
     /// the CPU, and so are pictures of looked-up light for which none is left beside their scene.
     gpu_bytes: u64 = 2 << 30;
+    /// Bytes of those that maps of a scene's shadows may take: 16 MiB of a directional light, 4 of a spot, 14 of a point light or a broad
+    /// spot, the strongest first. Others, and all with 0, are told by rays. Only first pictures of who moves ask them.
+    gpu_shadow_map_bytes: u64 = 64 << 20;
     /// Seconds that a graphics card may take for a piece of work of some milliseconds before it counts as hanging.
     gpu_seconds_max: u64 = 60;
     /// Rendering threads, shared by all scenes; 0: one per core.
@@ -354,7 +357,12 @@ impl Config {
 
     /// What opening a graphics card is to heed.
     pub(crate) fn gpu_options(&self, adapter: AdapterChoice) -> GpuOptions {
-        GpuOptions { adapter, bytes_max: self.gpu_bytes, seconds_max: self.gpu_seconds_max as f64 }
+        GpuOptions {
+            adapter,
+            bytes_max: self.gpu_bytes,
+            shadow_map_bytes_max: self.gpu_shadow_map_bytes,
+            seconds_max: self.gpu_seconds_max as f64,
+        }
     }
 
     /// Share of the time that measuring the error of pictures may take.

@@ -5,7 +5,7 @@ fn occluded(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= counters.shadow_count {
         return;
     }
-    let place = queues[2u * pass_header.capacity + id.x];
+    let place = queues[counters.shadows_at + id.x];
     let shadow = shadows[place];
     var ray: Ray;
     ray.origin = shadow.origin;

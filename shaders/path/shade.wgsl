@@ -166,6 +166,7 @@ fn add_unless_hidden(
     shadow.t_max = known.lost_m;
     shadow.classes = INDIRECT | (INDIRECT << 8u);
     shadow.diffuse = path.throughput * hidden;
+    shadow.light = NO_INDEX;
     shadow.light_instance = NO_INDEX;
     shadow.glossy = vec3f(0.0);
     shadow.light_triangle = NO_INDEX;
@@ -178,7 +179,7 @@ fn add_unless_hidden(
 fn ask_for(place: u32, shadow: Shadow) {
     shadows[place] = shadow;
     let queued = atomicAdd(&counters.next_shadow_count, 1u);
-    queues[2u * pass_header.capacity + queued] = place;
+    queues[SHADOWS * pass_header.capacity + queued] = place;
 }
 
 fn add_environment(slot: u32, path: Path) {
@@ -244,6 +245,7 @@ fn add_light_sample(
     shadow.origin = origin_towards(surface.point, light.wi);
     shadow.direction = light.wi;
     shadow.t_max = FLOAT_MAX;
+    shadow.light = light.number;
     shadow.light_instance = NO_INDEX;
     shadow.light_triangle = NO_INDEX;
     var medium_share = vec3f(1.0);

@@ -74,8 +74,9 @@ struct Shadow {
     light_triangle: u32,
     left_instance: u32,
     left_triangle: u32,
+    /// Of a light without extent, its number; NO_INDEX of others.
+    light: u32,
     padding_0: u32,
-    padding_1: u32,
 }
 
 /// Paths that go on: queue `parity` is read, the other filled.
@@ -90,11 +91,19 @@ struct Counters {
     shadow_rays: u32,
     /// What photons left behind, with what had no place.
     kept: atomic<u32>,
+    /// Where the queue of shadow rays begins.
+    shadows_at: u32,
+    /// Those that maps leave to rays.
+    next_left_count: atomic<u32>,
 }
 
 /// What is focused on surfaces holds all light by way of mirrors and glass that falls there; else what is not found without it.
 const IS_ASKING: u32 = 1u;
 const SHOWS_CAUSTICS: u32 = 2u;
+
+/// Queues of shadow rays, by how many times `capacity` they begin.
+const SHADOWS: u32 = 2u;
+const LEFT_SHADOWS: u32 = 4u;
 
 const EMITTED: u32 = 0u;
 const DIRECT: u32 = 1u;
@@ -107,7 +116,8 @@ const INDIRECT: u32 = 3u;
 /// By slot; behind those, `capacity` further on, of known light, where shadows of that are asked for.
 @group(2) @binding(3) var<storage, read_write> shadows: array<Shadow>;
 // Binding 4: `samples`.
-/// Queues of `capacity` slots: rays, rays, and shadow rays, of which there may be twice as many.
+/// Queues of `capacity` slots: rays, rays, and shadow rays, of which there may be twice as many; where maps are asked, again of
+/// those that are left.
 @group(2) @binding(5) var<storage, read_write> queues: array<u32>;
 @group(2) @binding(6) var<storage, read_write> counters: Counters;
 
@@ -158,4 +168,6 @@ fn begin_counting() {
     counters.rays = 0u;
     counters.shadow_rays = 0u;
     atomicStore(&counters.kept, 0u);
+    counters.shadows_at = SHADOWS * pass_header.capacity;
+    atomicStore(&counters.next_left_count, 0u);
 }

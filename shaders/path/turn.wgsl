@@ -1,28 +1,12 @@
 // Between two scatterings: the filled queue becomes the one that is read, and the steps to come learn how much there is to do.
 
-struct Dispatch {
-    rays_x: u32,
-    rays_y: u32,
-    rays_z: u32,
-    shadow_rays_x: u32,
-    shadow_rays_y: u32,
-    shadow_rays_z: u32,
-    padding_0: u32,
-    padding_1: u32,
-}
-
-@group(3) @binding(0) var<storage, read_write> dispatch: Dispatch;
-
-fn workgroups_for(count: u32) -> u32 {
-    return (count + WORKGROUP - 1u) / WORKGROUP;
-}
-
 @compute @workgroup_size(1)
 fn turn() {
     counters.rays += counters.ray_count;
     counters.ray_count = atomicLoad(&counters.next_ray_count);
     counters.shadow_count = atomicLoad(&counters.next_shadow_count);
     counters.shadow_rays += counters.shadow_count;
+    counters.shadows_at = SHADOWS * pass_header.capacity;
     atomicStore(&counters.next_ray_count, 0u);
     atomicStore(&counters.next_shadow_count, 0u);
     counters.parity = 1u - counters.parity;

@@ -10,6 +10,7 @@ mod film;
 mod irradiance;
 mod octree;
 mod path;
+mod shadows;
 
 #[cfg(test)]
 mod tests;
@@ -31,6 +32,7 @@ pub use path::{
     PATH_HAND_OVER, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN,
     PHOTONS_BEGIN, PHOTONS_FLY, PLANES,
 };
+pub use shadows::{SHADOW_MAP, SHADOWS_ASK, SHADOWS_TURN};
 
 /// Every step there is, in the order of rooms; a test parses and validates each.
 pub static STEPS: &[&Step] = &[
@@ -51,6 +53,8 @@ pub static STEPS: &[&Step] = &[
     &PATH_TURN,
     &PATH_HAND_OVER,
     &PATH_OCCLUDED,
+    &SHADOWS_ASK,
+    &SHADOWS_TURN,
     &GATHER_BEGIN,
     &GATHER_SHADE,
     &GATHER_SHADE_BY_OCTREE,
@@ -72,7 +76,7 @@ pub static STEPS: &[&Step] = &[
 ];
 
 /// Everything that is drawn by rasterisation; a test parses and validates each.
-pub static RASTERS: &[&Raster] = &[&PLANES, &IRRADIANCE_SPLAT];
+pub static RASTERS: &[&Raster] = &[&PLANES, &IRRADIANCE_SPLAT, &SHADOW_MAP];
 
 /// Constants with which the steps are proved: every name that a part expects to be prepended.
 pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
@@ -91,6 +95,10 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("SHADOWS_KNOWN", Constant::Bool(true)),
     ("FROM_DIMENSION", Constant::U32(1 << 14)),
     ("WORKGROUP", Constant::U32(64)),
+    ("SHADOW_COS_LEAST", Constant::F32(0.1)),
+    ("SHADOW_TEXEL_SMOOTH", Constant::F32(2.0)),
+    ("SHADOW_TEXEL_MOST", Constant::F32(8.0)),
+    ("SHADOW_SURE", Constant::F32(1e-5)),
     ("SMOOTH_ALPHA", Constant::F32(1e-3)),
     ("FLOAT_MAX", Constant::F32(f32::MAX)),
     ("GAMMA_5", Constant::F32(3e-7)),
@@ -215,6 +223,8 @@ pub enum Overlap {
     Nearest,
     /// Four floats of all of them, added up in the order in which they are drawn.
     Sum,
+    /// How near the nearest one is, and nothing else.
+    Nearness,
 }
 
 fn source_of(parts: &[&Part], constants: &[(&str, Constant)]) -> String {

@@ -19,9 +19,9 @@ static KNOWN: Part = Part { name: "path/known", source: include_str!("../path/kn
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
 static BY_OCTREE: Part = Part { name: "octree/asked", source: include_str!("../octree/asked.wgsl") };
 static ALONE: Part = Part { name: "path/alone", source: include_str!("../path/alone.wgsl") };
-static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
+pub(crate) static STATE: Part = Part { name: "path/state", source: include_str!("../path/state.wgsl") };
 static FRESH: Part = Part { name: "path/fresh", source: include_str!("../path/fresh.wgsl") };
-static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
+pub(crate) static PIXEL: Part = Part { name: "path/pixel", source: include_str!("../path/pixel.wgsl") };
 static RAY: Part = Part { name: "path/ray", source: include_str!("../path/ray.wgsl") };
 
 static PHOTON: Part = Part { name: "photons/photon", source: include_str!("../photons/photon.wgsl") };
@@ -35,6 +35,8 @@ static BEGIN_RAY_ENTRY: Part =
     Part { name: "path/begin_ray", source: include_str!("../path/begin_ray.wgsl") };
 static CLOSEST_ENTRY: Part = Part { name: "path/closest", source: include_str!("../path/closest.wgsl") };
 static SHADE_ENTRY: Part = Part { name: "path/shade", source: include_str!("../path/shade.wgsl") };
+pub(crate) static DISPATCH: Part =
+    Part { name: "path/dispatch", source: include_str!("../path/dispatch.wgsl") };
 static TURN_ENTRY: Part = Part { name: "path/turn", source: include_str!("../path/turn.wgsl") };
 static HAND_OVER_ENTRY: Part =
     Part { name: "path/hand_over", source: include_str!("../path/hand_over.wgsl") };
@@ -86,7 +88,7 @@ pub static PATH_SHADE_BY_RECORDS: Step =
 pub static PATH_TURN: Step = Step {
     name: "path/turn",
     entry_point: "turn",
-    parts: &[&TREE, &UNMASKED, &STATE, &TURN_ENTRY],
+    parts: &[&TREE, &UNMASKED, &STATE, &DISPATCH, &TURN_ENTRY],
     workgroup_size: [1, 1, 1],
 };
 

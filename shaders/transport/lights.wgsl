@@ -44,6 +44,8 @@ struct LightSample {
     /// 0 infinitely far, 1 a point, 2 a triangle.
     origin: u32,
     target_in_render: vec3f,
+    /// Of a light without extent, its number; NO_INDEX of others.
+    number: u32,
     instance: u32,
     triangle: u32,
     b1: f32,
@@ -200,6 +202,7 @@ fn spot_falloff(cosine: f32, cos_inner: f32, cos_outer: f32) -> f32 {
 fn no_light() -> LightSample {
     var sample: LightSample;
     sample.exists = false;
+    sample.number = NO_INDEX;
     return sample;
 }
 
@@ -227,6 +230,7 @@ fn sample_light(p: vec3f, n: vec3f, u: vec3f) -> LightSample {
         sample.radiance = light.intensity;
         sample.pdf = shares.x;
         sample.is_delta = true;
+        sample.number = scene.directional_at + index;
         return sample;
     }
     let drawn = sample_environment(n, u.yz);
@@ -258,6 +262,7 @@ fn sample_local(index: u32, chance: f32, p: vec3f, u: vec2f) -> LightSample {
             sample.radiance *= spot_falloff(-dot(wi, light.axis), light.cos_inner, light.cos_outer);
         }
         sample.is_delta = true;
+        sample.number = index;
         sample.origin = 1u;
         sample.target_in_render = light.position;
         sample.exists = !is_black(sample.radiance);

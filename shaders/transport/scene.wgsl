@@ -182,6 +182,15 @@ struct SurfacePoint {
     error_m: f32,
 }
 
+/// Which way a triangle faces.
+fn face_of(instance: u32, triangle: u32) -> vec3f {
+    let face = geometry_vec3(placements[instance].faces_at, triangle);
+    if (placements[instance].flags & ONLY_MOVED) != 0u {
+        return face;
+    }
+    return normalize_or(normal_to_render(instance, face), vec3f(0.0, 0.0, 1.0));
+}
+
 /// `Instance::surface_point`: the same bound on what rounding moves it by.
 fn surface_point(instance: u32, triangle: u32, b1: f32, b2: f32) -> SurfacePoint {
     let corners = corners_of(instance, triangle);
@@ -190,14 +199,12 @@ fn surface_point(instance: u32, triangle: u32, b1: f32, b2: f32) -> SurfacePoint
     let v1 = geometry_vec3(positions_at, corners.y);
     let v2 = geometry_vec3(positions_at, corners.z);
     let p_in_mesh = v0 * (1.0 - b1 - b2) + v1 * b1 + v2 * b2;
-    let face = geometry_vec3(placements[instance].faces_at, triangle);
     let centre = placements[instance].centre_in_render;
     let is_only_moved = (placements[instance].flags & ONLY_MOVED) != 0u;
+    let n_geo = face_of(instance, triangle);
     var turned = p_in_mesh;
-    var n_geo = face;
     if !is_only_moved {
         turned = to_render(instance, p_in_mesh);
-        n_geo = normalize_or(normal_to_render(instance, face), vec3f(0.0, 0.0, 1.0));
     }
     let position = turned + centre;
     let extent = max(abs(v0), max(abs(v1), abs(v2))) * GAMMA_19;

@@ -30,6 +30,8 @@ mod planes;
 #[path = "rays/ray_set.rs"]
 #[expect(dead_code, reason = "benches/rays asks for more of it")]
 mod ray_set;
+#[path = "gpu/shadow_maps.rs"]
+mod shadow_maps;
 #[path = "gpu/shown.rs"]
 mod shown;
 #[path = "gpu/splats.rs"]

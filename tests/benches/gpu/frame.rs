@@ -1,10 +1,10 @@
 //! A whole frame for somebody who moves: the first pass of a picture of looked-up light, its noise taken off, shown and packed as JPEG; by the
-//! card up to the bytes that are packed, and by the CPU alone.
+//! card up to the bytes that are packed, with shadows told by rays and by maps, and by the CPU alone.
 
 use std::{
     error::Error,
     sync::{Arc, atomic::AtomicBool},
-    time::Instant,
+    time::{Duration, Instant},
 };
 
 use lumicast::images::{JpegQuality, jpeg};
@@ -12,7 +12,7 @@ use lumicast_engine::{
     film::{Denoising, Display, Film, Picture, ToneMap},
     technique::{
         Canvas, Products, SecondaryLight, Step, Technique, View,
-        path::{GpuPathTracer, GpuScene, PathSettings, PathTracer, ShownAs},
+        path::{GpuPathTracer, GpuScene, PathSettings, PathTracer, Shadows, ShownAs},
     },
 };
 
@@ -42,17 +42,11 @@ pub(crate) fn measure(
     let mut card = GpuPathTracer::new(Arc::clone(scene), PathSettings::all(None, 0));
     card.draw_as(&tracer);
     card.show_first_as(Some(shown_as));
-    let (mut of_card, mut of_cpu, mut of_packing, mut of_showing) =
-        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut of_card, mut by_maps, mut of_cpu, mut of_packing, mut of_showing) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for round in 0..=rounds {
-        let (shown, packing, by_card) = warmed(scene.gpu(), || {
-            let start = Instant::now();
-            draw(scene, view, &mut card);
-            let shown = card.take_shown().ok_or("the card does not show such pictures")?;
-            let packing = Instant::now();
-            jpeg(&shown, size, JpegQuality::clamped(QUALITY))?;
-            Ok((shown, packing.elapsed(), start.elapsed()))
-        })?;
+        let (shown, packing, by_card) = frame(scene, view, &mut card, Shadows::ByRays)?;
+        let (_, _, mapped) = frame(scene, view, &mut card, Shadows::ByMaps)?;
         let showing = warmed(scene.gpu(), || Ok(card.show_seconds(size)?))?;
         let start = Instant::now();
         let film = draw(scene, view, &mut tracer);
@@ -62,6 +56,7 @@ pub(crate) fn measure(
         check(&shown, &here)?;
         if round > 0 {
             of_card.push(1e3 * by_card.as_secs_f64());
+            by_maps.push(1e3 * mapped.as_secs_f64());
             of_cpu.push(1e3 * by_cpu.as_secs_f64());
             of_packing.push(1e3 * packing.as_secs_f64());
             of_showing.extend(showing.map(|seconds| 1e3 * seconds));
@@ -69,6 +64,8 @@ pub(crate) fn measure(
     }
     let frame = Figure::new("frame for who moves, packed as JPEG", Unit::Milliseconds, median(of_card));
     figures.push(Figure { cpu: Some(median(of_cpu)), ..frame });
+    let mapped = Figure::new("… with shadows by maps", Unit::Milliseconds, median(by_maps));
+    figures.push(Figure { cpu: None, ..mapped });
     let showing =
         Figure::new("… showing it: noise off, exposed, mapped, encoded", Unit::Milliseconds, f64::NAN);
     let of_showing = (!of_showing.is_empty()).then(|| median(of_showing));
@@ -76,6 +73,24 @@ pub(crate) fn measure(
     let packing = Figure::new("… packing it, by one thread", Unit::Milliseconds, f64::NAN);
     figures.push(Figure { gpu_wall: None, cpu: Some(median(of_packing)), ..packing });
     Ok(())
+}
+
+/// What the card shows, what packing it takes, and all.
+fn frame(
+    scene: &GpuScene,
+    view: &View,
+    card: &mut GpuPathTracer,
+    shadows: Shadows,
+) -> Result<(Vec<u8>, Duration, Duration), Box<dyn Error>> {
+    card.tell_first_shadows(shadows);
+    warmed(scene.gpu(), || {
+        let start = Instant::now();
+        draw(scene, view, card);
+        let shown = card.take_shown().ok_or("the card does not show such pictures")?;
+        let packing = Instant::now();
+        jpeg(&shown, view.size(), JpegQuality::clamped(QUALITY))?;
+        Ok((shown, packing.elapsed(), start.elapsed()))
+    })
 }
 
 fn draw(scene: &GpuScene, view: &View, technique: &mut dyn Technique) -> Film {

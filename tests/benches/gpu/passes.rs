@@ -17,8 +17,8 @@ use lumicast_engine::{
         caustics::{CausticSettings, CausticSketch, Caustics},
         irradiance::{IrradianceCaching, IrradianceSettings, Visits},
         path::{
-            ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathSettings, PathTracer, View,
-            rays_over_a_picture,
+            ArrivingByGpu, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, PathSettings, PathTracer,
+            Shadows, View, rays_over_a_picture,
         },
         photons::{PhotonSettings, PhotonTracing},
     },
@@ -26,7 +26,7 @@ use lumicast_engine::{
 
 use crate::{
     figures::{Figure, SceneFigures, Unit},
-    frame, median, splats,
+    frame, median, shadow_maps, splats,
     subject::Subject,
     warmed,
 };
@@ -74,7 +74,7 @@ pub(crate) fn measure(
     let mut card = GpuPathTracer::new(Arc::clone(&scene), settings);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_rates(figures, &on_card, &on_cpu);
-    drawing.push_steps(&card, "path tracing", figures)?;
+    drawing.push_steps(&card, "path tracing", Shadows::ByRays, figures)?;
     carry(subject, &scene, rounds, figures)?;
     let (known, learning_seconds) = drawing.learn();
     let mut learning = Figure::new("light octree: learning", Unit::Seconds, f64::NAN);
@@ -85,7 +85,9 @@ pub(crate) fn measure(
     card.draw_as(&tracer);
     let [on_card, on_cpu] = drawing.compare(&mut card, tracer, &None, rounds)?;
     push_milliseconds(figures, "pass that asks the octree", &on_card, &on_cpu);
-    drawing.push_steps(&card, "asking the octree", figures)?;
+    drawing.push_steps(&card, "asking the octree", Shadows::ByRays, figures)?;
+    drawing.push_steps(&card, "asking the octree and maps of shadows", Shadows::ByMaps, figures)?;
+    shadow_maps::measure(&scene, rounds, figures)?;
     frame::measure(&scene, &drawing.view, &known, rounds, figures)?;
     let focused = drawing.focus();
     if focused.is_some() {
@@ -172,9 +174,10 @@ impl Drawing<'_> {
         &self,
         card: &GpuPathTracer,
         what: &str,
+        shadows: Shadows,
         figures: &mut SceneFigures<'_>,
     ) -> Result<(), Box<dyn Error>> {
-        let steps = warmed(card.scene().gpu(), || Ok(card.step_seconds(&self.view, self.size)?))?;
+        let steps = warmed(card.scene().gpu(), || Ok(card.step_seconds(&self.view, self.size, shadows)?))?;
         let Some(steps) = steps else { return Ok(()) };
         let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();
         let sum = Figure::new(format!("{what}: steps, one after the other"), Unit::Milliseconds, f64::NAN);

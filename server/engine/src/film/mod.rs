@@ -38,7 +38,7 @@ pub use tone_map::{Display, ToneMap, UnknownToneMap};
 #[cfg(feature = "gpu")]
 pub(crate) use tone_map::{Fit, RADIANCE_MAX};
 
-use pixel::{BeyondSums, Held, Pixel, SECONDARY};
+use pixel::{BeyondSums, Held, Pixel, SCATTERED};
 
 /// Width and height of a picture in pixels, each in 1 ..= [`PictureSize::SIDE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

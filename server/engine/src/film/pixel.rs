@@ -65,16 +65,16 @@ impl PixelSample {
     }
 }
 
-/// Classes of light that comes by way of other surfaces: what is sampled of it may be replaced.
-pub(super) const SECONDARY: [PathClass; 2] = [PathClass::Caustic, PathClass::Indirect];
+/// Classes of light that is scattered on its way: what is sampled of it may be replaced.
+pub(super) const SCATTERED: [PathClass; 3] = [PathClass::Direct, PathClass::Caustic, PathClass::Indirect];
 
 /// How many passes a tile's sums hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Held {
     /// Passes.
     pub(super) passes: u32,
-    /// Those whose secondary light was forgotten, in the order of [`SECONDARY`].
-    pub(super) forgotten: [u32; SECONDARY.len()],
+    /// Those whose light was forgotten, in the order of [`SCATTERED`].
+    pub(super) forgotten: [u32; SCATTERED.len()],
     /// Those that came before the halves were begun anew.
     pub(super) before_halves: u32,
 }
@@ -83,9 +83,10 @@ impl Held {
     /// Passes that a class's sum holds.
     fn of(self, class: PathClass) -> u32 {
         match class {
-            PathClass::Emitted | PathClass::Direct => self.passes,
-            PathClass::Caustic => self.passes - self.forgotten[0],
-            PathClass::Indirect => self.passes - self.forgotten[1],
+            PathClass::Emitted => self.passes,
+            PathClass::Direct => self.passes - self.forgotten[0],
+            PathClass::Caustic => self.passes - self.forgotten[1],
+            PathClass::Indirect => self.passes - self.forgotten[2],
         }
     }
 
@@ -218,7 +219,7 @@ impl Pixel {
 
     /// Mean radiance over all classes; zero before the first pass.
     pub(super) fn total_mean(&self, held: Held) -> [f64; 3] {
-        if held.forgotten == [0; SECONDARY.len()] {
+        if held.forgotten == [0; SCATTERED.len()] {
             return self.total_sum().map(|sum| sum / f64::from(held.passes.max(1)));
         }
         let mut total = [0.0; 3];

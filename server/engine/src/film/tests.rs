@@ -3,6 +3,9 @@
 use super::*;
 use crate::math::RunningStatistics;
 
+/// Light that comes by way of other surfaces.
+const SECONDARY: [PathClass; 2] = [PathClass::Caustic, PathClass::Indirect];
+
 /// Uniform numbers in [0, 1) by (seed, pixel, pass): SplitMix64 of the three.
 fn uniform(seed: u64, x: u32, y: u32, pass_index: u32) -> f64 {
     let mut z = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15)
@@ -167,6 +170,29 @@ fn outdated_light_counts_for_two_passes() {
     pass(&mut film, |_, _, _| of(1.0));
     assert!(film.layer(PathClass::Indirect).iter().all(|value| value.r == 1.0));
     assert!(film.layer(PathClass::Direct).iter().all(|value| near(value.r, 3.0)));
+}
+
+/// Direct light is replaced as well where somebody says so: then all that was scattered is of the passes since, and what is seen straight of all.
+#[test]
+fn all_that_is_scattered_is_replaced() {
+    let of = |emitted: f32, scattered: f32| {
+        let mut sample = PixelSample::BLACK;
+        sample.radiance[PathClass::Emitted as usize] = Rgb::splat(emitted);
+        for class in SCATTERED {
+            sample.radiance[class as usize] = Rgb::splat(scattered);
+        }
+        sample
+    };
+    let mut film = film(20, 20);
+    pass(&mut film, |_, _, _| of(1.0, 9.0));
+    film.outdate(&SCATTERED, Outdated::Wrong);
+    assert!(film.layer(PathClass::Direct).iter().all(|value| value.r == 9.0), "until there is better");
+    (0..3).for_each(|_| pass(&mut film, |_, _, _| of(3.0, 2.0)));
+    for class in SCATTERED {
+        assert!(film.layer(class).iter().all(|value| value.r == 2.0), "{}", class.name());
+    }
+    assert!(film.layer(PathClass::Emitted).iter().all(|value| value.r == 2.5));
+    assert!(film.radiance().iter().all(|value| (value.r - 8.5).abs() < 1e-5));
 }
 
 /// Light of one class is replaced and that of the other stays, however often.

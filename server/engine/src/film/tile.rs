@@ -2,14 +2,14 @@
 
 use glam::UVec2;
 
-use super::{Beyond, BeyondSums, Held, Outdated, PictureSize, Pixel, PixelSample, SECONDARY};
+use super::{Beyond, BeyondSums, Held, Outdated, PictureSize, Pixel, PixelSample, SCATTERED};
 use crate::transport::PathClass;
 
 /// Side of a tile in pixels. 16 × 16 pixels × 160 bytes = 40 KB stay in a core's second cache, and a
 /// 256 × 256 picture still has 256 tiles to share among threads.
 pub const TILE_SIDE: u32 = 16;
 
-/// What rough secondary light counts for beside better one, in passes: where a pixel's samples differ much, as at edges, the
+/// What rough light counts for beside better one, in passes: where a pixel's samples differ much, as at edges, the
 /// mean of many outdated ones is nearer to the truth than one or two of the best, and soon it weighs next to nothing.
 const KEPT_PASSES: u32 = 2;
 
@@ -19,12 +19,12 @@ pub struct Tile {
     origin: UVec2,
     size: UVec2,
     passes: u32,
-    /// Passes whose secondary light is forgotten, by class: as many fewer do its sums stand for.
-    forgotten: [u32; SECONDARY.len()],
+    /// Passes whose light is forgotten, by class: as many fewer do its sums stand for.
+    forgotten: [u32; SCATTERED.len()],
     /// Passes before the halves were begun anew.
     before_halves: u32,
-    /// The next pass brings better secondary light, by class; what is there counts for so many passes at most from then on.
-    outdated: [Option<u32>; SECONDARY.len()],
+    /// The next pass brings better light, by class; what is there counts for so many passes at most from then on.
+    outdated: [Option<u32>; SCATTERED.len()],
     dropped_samples: u64,
     pub(super) pixels: Vec<Pixel>,
     /// Pixel by pixel; none until some sample notes what is beyond a mirror or glass. `None`: nobody will ask.
@@ -41,9 +41,9 @@ impl Tile {
             origin,
             size,
             passes: 0,
-            forgotten: [0; SECONDARY.len()],
+            forgotten: [0; SCATTERED.len()],
             before_halves: 0,
-            outdated: [None; SECONDARY.len()],
+            outdated: [None; SCATTERED.len()],
             dropped_samples: 0,
             pixels,
             beyond: Some(Vec::new()),
@@ -70,13 +70,13 @@ impl Tile {
         Held { passes: self.passes, forgotten: self.forgotten, before_halves: self.before_halves }
     }
 
-    /// Marks secondary light of some classes for replacement by that of the passes to come: until the next it stays as it is.
+    /// Marks light of some classes for replacement by that of the passes to come: until the next it stays as it is.
     pub(super) fn outdate(&mut self, classes: &[PathClass], outdated: Outdated) {
         let kept = match outdated {
             Outdated::Rough => KEPT_PASSES,
             Outdated::Wrong => 0,
         };
-        for (class, of_class) in SECONDARY.iter().zip(&mut self.outdated) {
+        for (class, of_class) in SCATTERED.iter().zip(&mut self.outdated) {
             if classes.contains(class) {
                 *of_class = Some(of_class.map_or(kept, |before| before.min(kept)));
             }
@@ -84,7 +84,7 @@ impl Tile {
     }
 
     fn forget_outdated(&mut self) {
-        for (index, class) in SECONDARY.iter().enumerate() {
+        for (index, class) in SCATTERED.iter().enumerate() {
             let held = self.passes - self.forgotten[index];
             if let Some(kept) = self.outdated[index].take().filter(|kept| held > *kept) {
                 let share = f64::from(kept) / f64::from(held);

@@ -1,6 +1,7 @@
 //! Triangles drawn: a vertex and a fragment shader compiled, what they draw on, and draws recorded.
 //!
-//! A pixel shows the nearest triangle, or the sum of all: [`Overlap`] of a [`Raster`] and of its [`Target`] say which.
+//! A pixel shows the nearest triangle, the sum of all, or only how near the nearest is: [`Overlap`] of a [`Raster`] and of its [`Target`]
+//! say which.
 
 use std::{
     ops::Range,
@@ -15,21 +16,35 @@ use super::{
     buffer::{Held, Stages},
 };
 
-/// Words of a pixel, or floats.
-const WORDS: u32 = 4;
-const WORD_BYTES: u32 = WORDS * 4;
+/// Bytes of a pixel's four words, or floats.
+const WORDS_BYTES: u32 = 4 * 4;
 /// What all bits of a word are where nothing is drawn.
 const NOTHING: f64 = u32::MAX as f64;
 /// Of two triangles.
 const QUAD_VERTICES: u32 = 6;
-/// Of a pixel's nearness, beside its words.
-const NEARNESS_BYTES: u64 = 4;
+/// Of a pixel's nearness.
+const NEARNESS_BYTES: u32 = 4;
 
-fn format_of(overlap: Overlap) -> wgpu::TextureFormat {
+/// How the words of a pixel are held; `None`: it has none.
+fn words_format(overlap: Overlap) -> Option<wgpu::TextureFormat> {
     match overlap {
-        Overlap::Nearest => wgpu::TextureFormat::Rgba32Uint,
+        Overlap::Nearest => Some(wgpu::TextureFormat::Rgba32Uint),
         // Halves would lose what few records say beside many.
-        Overlap::Sum => wgpu::TextureFormat::Rgba32Float,
+        Overlap::Sum => Some(wgpu::TextureFormat::Rgba32Float),
+        Overlap::Nearness => None,
+    }
+}
+
+/// Triangles that are nearer hide others.
+fn has_nearness(overlap: Overlap) -> bool {
+    overlap != Overlap::Sum
+}
+
+/// Bytes of a pixel that are copied.
+const fn copied_bytes(overlap: Overlap) -> u32 {
+    match overlap {
+        Overlap::Nearness => NEARNESS_BYTES,
+        Overlap::Nearest | Overlap::Sum => WORDS_BYTES,
     }
 }
 
@@ -47,13 +62,15 @@ pub struct RasterPipeline {
     generation: u64,
 }
 
-/// A picture of four words a pixel, in which what is nearest shows, or of four floats, in which all that is drawn adds up.
+/// A picture of four words a pixel, in which what is nearest shows, of four floats, in which all that is drawn adds up, or of one float, of how
+/// near what is nearest is.
 #[derive(Debug)]
 pub struct Target {
     name: String,
-    words: wgpu::Texture,
-    words_view: wgpu::TextureView,
-    /// `None`: pixels are sums.
+    overlap: Overlap,
+    /// What is copied of it.
+    copied: wgpu::Texture,
+    words_view: Option<wgpu::TextureView>,
     nearness_view: Option<wgpu::TextureView>,
     size: [u32; 2],
     generation: u64,
@@ -62,7 +79,9 @@ pub struct Target {
 
 impl Target {
     /// Columns come in multiples of this: copies take whole rows of so many bytes alone.
-    pub const WIDTH_STEP: u32 = wgpu::COPY_BYTES_PER_ROW_ALIGNMENT / WORD_BYTES;
+    pub const fn width_step(overlap: Overlap) -> u32 {
+        wgpu::COPY_BYTES_PER_ROW_ALIGNMENT / copied_bytes(overlap)
+    }
 
     /// Columns and rows.
     pub fn size(&self) -> [u32; 2] {
@@ -71,13 +90,13 @@ impl Target {
 
     /// Bytes of all its pixels, row by row, as they are copied.
     pub fn byte_count(&self) -> u64 {
-        u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(WORD_BYTES)
+        u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(copied_bytes(self.overlap))
     }
 
-    fn copied_to<'a>(&self, buffer: &'a wgpu::Buffer) -> wgpu::TexelCopyBufferInfo<'a> {
+    fn copied_to<'a>(&self, buffer: &'a wgpu::Buffer, at: u64) -> wgpu::TexelCopyBufferInfo<'a> {
         let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(self.size[0] * WORD_BYTES),
+            offset: at,
+            bytes_per_row: Some(self.size[0] * copied_bytes(self.overlap)),
             rows_per_image: None,
         };
         wgpu::TexelCopyBufferInfo { buffer, layout }
@@ -156,11 +175,12 @@ impl Session {
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
         };
-        let shown = wgpu::ColorTargetState {
-            format: format_of(raster.overlap),
+        let shown = words_format(raster.overlap).map(|format| wgpu::ColorTargetState {
+            format,
             blend: is_sum.then_some(wgpu::BlendState { color: ADDED, alpha: ADDED }),
             write_mask: wgpu::ColorWrites::ALL,
-        };
+        });
+        let shown: Vec<_> = shown.into_iter().map(Some).collect();
         self.checked(
             || {
                 let (module, layout) = self.module_and_layout(raster.name, source, layouts);
@@ -175,13 +195,13 @@ impl Session {
                     },
                     // Both sides show, as rays see them.
                     primitive: wgpu::PrimitiveState::default(),
-                    depth_stencil: (!is_sum).then_some(nearest),
+                    depth_stencil: has_nearness(raster.overlap).then_some(nearest),
                     multisample: wgpu::MultisampleState::default(),
                     fragment: Some(wgpu::FragmentState {
                         module: &module,
                         entry_point: Some(raster.fragment),
                         compilation_options: wgpu::PipelineCompilationOptions::default(),
-                        targets: &[Some(shown)],
+                        targets: &shown,
                     }),
                     multiview_mask: None,
                     cache: None,
@@ -198,7 +218,7 @@ impl Session {
         self.layout_for(Stages::Raster, bindings)
     }
 
-    /// A target of so many columns, a multiple of [`Target::WIDTH_STEP`], and rows, for rasters that overlap so.
+    /// A target of so many columns, a multiple of [`Target::width_step`], and rows, for rasters that overlap so.
     ///
     /// Errors: [`GpuError::OutOfMemory`], also where the adapter knows no pictures as large; [`GpuError::Lost`],
     /// [`GpuError::Failed`].
@@ -209,10 +229,10 @@ impl Session {
     /// The same where memory that is kept for later reads stays.
     fn target_beside_spare(&self, name: &str, size: [u32; 2], overlap: Overlap) -> Result<Target, GpuError> {
         let [width, height] = size;
-        let nearness_bytes = if overlap == Overlap::Nearest { NEARNESS_BYTES } else { 0 };
-        let bytes_of = |width: u32, height: u32| {
-            u64::from(width) * u64::from(height) * (u64::from(WORD_BYTES) + nearness_bytes)
-        };
+        let words_bytes = words_format(overlap).map_or(0, |_| WORDS_BYTES);
+        let pixel_bytes = words_bytes + if has_nearness(overlap) { NEARNESS_BYTES } else { 0 };
+        let bytes_of =
+            |width: u32, height: u32| u64::from(width) * u64::from(height) * u64::from(pixel_bytes);
         let byte_count = bytes_of(width, height);
         let refused = |bytes_allowed: u64, limit: &'static str| GpuError::OutOfMemory {
             name: name.to_string(),
@@ -243,10 +263,16 @@ impl Session {
         };
         let (words, nearness) = self.checked(
             || {
-                let nearness = || texture(wgpu::TextureFormat::Depth32Float, wgpu::TextureUsages::empty());
+                let words = words_format(overlap);
+                let of_nearness = if words.is_some() {
+                    wgpu::TextureUsages::empty()
+                } else {
+                    wgpu::TextureUsages::COPY_SRC
+                };
+                let nearness = || texture(wgpu::TextureFormat::Depth32Float, of_nearness);
                 (
-                    texture(format_of(overlap), wgpu::TextureUsages::COPY_SRC),
-                    (overlap == Overlap::Nearest).then(nearness),
+                    words.map(|format| texture(format, wgpu::TextureUsages::COPY_SRC)),
+                    has_nearness(overlap).then(nearness),
                 )
             },
             |error| match error {
@@ -255,9 +281,20 @@ impl Session {
             },
         )?;
         let view_of = |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let (words_view, nearness_view) = (view_of(&words), nearness.as_ref().map(view_of));
+        let [words_view, nearness_view] = [&words, &nearness].map(|texture| texture.as_ref().map(view_of));
+        let nothing = || GpuError::Failed { what: format!("target {name:?} shows nothing") };
+        let copied = words.or(nearness).ok_or_else(nothing)?;
         let generation = self.generation();
-        Ok(Target { name: name.into(), words, words_view, nearness_view, size, generation, _held: held })
+        Ok(Target {
+            name: name.into(),
+            overlap,
+            copied,
+            words_view,
+            nearness_view,
+            size,
+            generation,
+            _held: held,
+        })
     }
 }
 
@@ -275,7 +312,7 @@ fn extent_of([width, height]: [u32; 2]) -> wgpu::Extent3d {
 }
 
 impl Batch {
-    /// Draws onto a target that shows nothing but what is drawn now: where that is nothing, all bits of its words are set.
+    /// Draws onto a target that shows nothing but what is drawn now: where that is nothing, all bits of its words are set, or its nearness is 0.
     ///
     /// Errors: as [`Batch::dispatch`].
     pub fn draw(
@@ -342,18 +379,23 @@ impl Batch {
             view,
             depth_ops: Some(wgpu::Operations {
                 load: wgpu::LoadOp::Clear(0.0),
-                store: wgpu::StoreOp::Discard,
+                store: match target.overlap {
+                    Overlap::Nearness => wgpu::StoreOp::Store,
+                    Overlap::Nearest | Overlap::Sum => wgpu::StoreOp::Discard,
+                },
             }),
             stencil_ops: None,
         });
+        let words = target.words_view.as_ref().map(|view| wgpu::RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
+        });
+        let words: Vec<_> = words.into_iter().map(Some).collect();
         let mut pass = self.encoder().begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some(&target.name),
-            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &target.words_view,
-                depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
-            })],
+            color_attachments: &words,
             depth_stencil_attachment: nearness,
             ..wgpu::RenderPassDescriptor::default()
         });
@@ -364,15 +406,15 @@ impl Batch {
         pass
     }
 
-    /// Copies a target's words, row by row, to the beginning of a buffer.
+    /// Copies a target's words, or its nearness, row by row to a buffer from byte `at` on.
     ///
     /// Errors: as [`Batch::dispatch`].
-    pub fn copy_target(&mut self, target: &Target, to: &Buffer) -> Result<(), GpuError> {
+    pub fn copy_target(&mut self, target: &Target, to: &Buffer, at: u64) -> Result<(), GpuError> {
         self.session().own(target.generation)?;
         self.session().own(to.generation())?;
-        let copied_to = target.copied_to(&to.buffer);
+        let copied_to = target.copied_to(&to.buffer, at);
         let size = extent_of(target.size);
-        self.encoder().copy_texture_to_buffer(target.words.as_image_copy(), copied_to, size);
+        self.encoder().copy_texture_to_buffer(target.copied.as_image_copy(), copied_to, size);
         Ok(())
     }
 
@@ -383,8 +425,8 @@ impl Batch {
         let byte_count = target.byte_count();
         self.session().own(target.generation)?;
         self.stage_by(&target.name, byte_count, |encoder, staged| {
-            let to = target.copied_to(staged);
-            encoder.copy_texture_to_buffer(target.words.as_image_copy(), to, extent_of(target.size));
+            let to = target.copied_to(staged, 0);
+            encoder.copy_texture_to_buffer(target.copied.as_image_copy(), to, extent_of(target.size));
         })
     }
 }

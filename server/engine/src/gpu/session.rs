@@ -22,6 +22,7 @@ use super::{
 /// there is; 2 GiB lie within what graphics cards of the last ten years have, and a driver asked for more than it has
 /// may stop the whole desktop before it says so.
 const BYTES_MAX: u64 = 2 << 30;
+const SHADOW_MAP_BYTES_MAX: u64 = 64 << 20;
 
 /// Seconds to wait for one submission, where options say nothing else: systems reset a card that is silent for two to ten
 /// seconds, and software drivers take longer for a pass than a card, so that a minute means it hangs.
@@ -36,13 +37,20 @@ pub struct GpuOptions {
     pub adapter: AdapterChoice,
     /// Bytes that the buffers of a session may hold together.
     pub bytes_max: u64,
+    /// Bytes that maps of shadows of a scene may hold, of those; 0: none are drawn.
+    pub shadow_map_bytes_max: u64,
     /// Seconds to wait for one submission before it counts as hanging.
     pub seconds_max: f64,
 }
 
 impl Default for GpuOptions {
     fn default() -> GpuOptions {
-        GpuOptions { adapter: AdapterChoice::default(), bytes_max: BYTES_MAX, seconds_max: SECONDS_MAX }
+        GpuOptions {
+            adapter: AdapterChoice::default(),
+            bytes_max: BYTES_MAX,
+            shadow_map_bytes_max: SHADOW_MAP_BYTES_MAX,
+            seconds_max: SECONDS_MAX,
+        }
     }
 }
 

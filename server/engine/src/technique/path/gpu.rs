@@ -24,6 +24,7 @@ mod lookouts;
 mod photons;
 mod sample;
 mod scene;
+mod shadow_maps;
 mod sketch;
 mod slices;
 mod splats;
@@ -45,6 +46,7 @@ pub use gather::{ArrivingByGpu, GpuGatherer, rays_over_a_picture};
 pub use known::{Asked, Shading};
 pub use photons::GpuPhotons;
 pub use scene::GpuScene;
+pub use shadow_maps::{MapsCompared, Shadows};
 pub use splats::{SplatBy, SplatSeconds, Splatted};
 pub use step_clock::StepSeconds;
 
@@ -59,7 +61,7 @@ use super::{
     cpu::{BOUNCES_END, Near, Tracer, primary_ray},
 };
 use crate::{
-    film::Film,
+    film::{Film, Outdated},
     gpu::{FrameOnCard, GpuError, ReadBack},
     math::{Rgb, sobol::PixelSampler},
     technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
@@ -120,6 +122,8 @@ pub(super) struct GpuCounters {
     rays: u32,
     shadow_rays: u32,
     kept: u32,
+    shadows_at: u32,
+    next_left_count: u32,
 }
 
 /// A pass that was begun.
@@ -128,6 +132,8 @@ struct Begun {
     header: GpuPassHeader,
     pass: u32,
     focused: Option<Arc<dyn FocusedLight>>,
+    /// Who tells its shadows.
+    shadows: Shadows,
     /// Pixels, in rows, whose samples are here. Those of the last slice may lack what paths bring that were handed over.
     taken: usize,
 }
@@ -188,6 +194,8 @@ pub struct GpuPathTracer {
     slice: u32,
     /// How the card is to show first passes, what it showed of the last pass, and pixels of that which the CPU had to complete.
     shown_as: Option<ShownAs>,
+    /// Who tells shadows of those, where maps are to be had.
+    first_shadows: Shadows,
     shown: Option<Vec<u8>>,
     completed: Vec<usize>,
     /// A sketch of caustics had no room beside what it drew with.
@@ -210,6 +218,7 @@ impl GpuPathTracer {
             samples: Vec::new(),
             slice,
             shown_as: None,
+            first_shadows: Shadows::ByMaps,
             shown: None,
             completed: Vec::new(),
             refuses_sketches: false,
@@ -258,8 +267,9 @@ impl GpuPathTracer {
         let handed = running.handed.take();
         let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let Running { begun: Begun { header, focused, .. }, coming, counts, .. } = running;
-        let light = LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref() };
+        let Running { begun: Begun { header, focused, shadows, .. }, coming, counts, .. } = running;
+        let light =
+            LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref(), shadows: *shadows };
         // What a card has counted of a sketch the CPU would have to count as well.
         let hands_over = focused.as_ref().is_none_or(|focused| !focused.is_sketch());
         let mut followed = Vec::new();
@@ -372,16 +382,20 @@ impl GpuPathTracer {
             let is_same = known::is_same(begun.focused.as_ref(), focused.as_ref());
             begun.header == header && begun.pass == pass && is_same
         };
-        let begun = match self.begun.take().filter(of_this) {
+        let mut begun = match self.begun.take().filter(of_this) {
             Some(begun) => begun,
             None => {
                 self.make_room(pixel_count)?;
-                Begun { header, pass, focused: focused.clone(), taken: 0 }
+                Begun { header, pass, focused: focused.clone(), shadows: Shadows::ByRays, taken: 0 }
             }
         };
         (self.shown, self.completed) = (None, Vec::new());
         let scene = Arc::clone(&self.scene);
         let mut frame = self.frame_of(&scene, film, &begun);
+        // Path tracing is to be right from its first sample on.
+        if frame.is_some() && self.secondary.is_some() && self.first_shadows == Shadows::ByMaps {
+            begun.shadows = scene.shadows_of_first();
+        }
         let mut running = Running::new(begun);
         let traced = loop {
             let shows = frame.as_ref().and_then(|frame| frame.as_ref());
@@ -403,6 +417,9 @@ impl GpuPathTracer {
         // The card shows it while the film takes it.
         let shown = frame.and_then(|frame| self.show(frame, film.size()));
         self.add_to(film);
+        if running.begun.shadows == Shadows::ByMaps {
+            film.outdate(&[PathClass::Direct, PathClass::Caustic, PathClass::Indirect], Outdated::Wrong);
+        }
         if !self.keep_shown(shown, film.size()) {
             self.scene.losses.store(0, Ordering::Relaxed);
         }

@@ -37,8 +37,8 @@ use rayon::prelude::*;
 pub use gauge::{Gauge, SampleCost};
 #[cfg(feature = "gpu")]
 pub use gpu::{
-    ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, Shading, ShownAs, SplatBy,
-    SplatSeconds, Splatted, StepSeconds, rays_over_a_picture,
+    ArrivingByGpu, Asked, GpuGatherer, GpuPathTracer, GpuPhotons, GpuScene, MapsCompared, Shading, Shadows,
+    ShownAs, SplatBy, SplatSeconds, Splatted, StepSeconds, rays_over_a_picture,
 };
 pub use view::{Lookout, View};
 

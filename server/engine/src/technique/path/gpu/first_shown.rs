@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, MutexGuard, atomic::Ordering};
 
-use super::{Begun, GpuPathTracer, GpuPixelSample, GpuScene, SAMPLE_BYTES};
+use super::{Begun, GpuPathTracer, GpuPixelSample, GpuScene, SAMPLE_BYTES, Shadows};
 use crate::{
     film::{Display, Film, PictureSize, ToneMap},
     gpu::{FRAME_SAMPLE_BYTES, FrameOnCard, FrameShown, GpuError, Session},
@@ -84,6 +84,13 @@ impl GpuScene {
             // Some drivers compile at first use.
             frame.show(pixel, PathClasses::ALL.bits(), (&display, true), Session::batch)?.collect()
         });
+        let mapped = self.make_ready_to_map();
+        if mapped.is_err() {
+            self.refuse_maps();
+        }
+        if mapped == Err(GpuError::Lost) {
+            return mapped;
+        }
         match shown {
             Err(GpuError::Lost) => Err(GpuError::Lost),
             Err(error) => {
@@ -99,6 +106,11 @@ impl GpuPathTracer {
     /// Lets the card show the first passes that it draws from now on; `None`: no more.
     pub fn show_first_as(&mut self, shown_as: Option<ShownAs>) {
         self.shown_as = shown_as;
+    }
+
+    /// Who tells the shadows of first passes that the card shows: maps where nothing else is said, as far as they do.
+    pub fn tell_first_shadows(&mut self, shadows: Shadows) {
+        self.first_shadows = shadows;
     }
 
     /// sRGB bytes of the last pass, rows top to bottom, if that was a first one and the card has shown it. Once.

@@ -167,7 +167,7 @@ impl GpuGatherer {
         };
         // In powers of two, so that a few more rays than before do not need other places.
         let room = rays.len().next_power_of_two();
-        let light = LightBeside { known: tracer.secondary.as_ref(), focused: None };
+        let light = LightBeside { known: tracer.secondary.as_ref(), ..LightBeside::default() };
         // Not with a lock held: a thread that waits here for others may begin to gather for other points.
         let arrived = |bytes: &[u8]| -> Vec<Arrived> {
             let samples = bytes.par_chunks_exact(RAY_SAMPLE_BYTES as usize);

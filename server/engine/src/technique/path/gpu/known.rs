@@ -4,7 +4,10 @@ use std::sync::{Arc, Weak};
 
 use bytemuck::Zeroable;
 
-use super::sketch::{GpuSketch, SketchOnCard};
+use super::{
+    shadow_maps::Shadows,
+    sketch::{GpuSketch, SketchOnCard},
+};
 
 use crate::{
     gpu::{BindGroup, Binding, Buffer, GpuError, Layout, Session},
@@ -71,6 +74,8 @@ pub(super) struct LightBeside<'a> {
     pub(super) known: Option<&'a Arc<dyn SecondaryLight>>,
     /// What mirrors and glass focus, of one pass.
     pub(super) focused: Option<&'a Arc<dyn FocusedLight>>,
+    /// Who tells what lights without extent reach.
+    pub(super) shadows: Shadows,
 }
 
 impl<'a> LightBeside<'a> {
@@ -293,7 +298,7 @@ impl KnownOnCard {
 
     /// What is to be packed before it can be brought.
     pub(super) fn lacking(&self, light: LightBeside<'_>, packed: &PackedBeside) -> Lacking {
-        let LightBeside { known, focused } = light;
+        let LightBeside { known, focused, .. } = light;
         let new = known.filter(|known| !self.lights.iter().any(|light| light.known.is_of(Some(known))));
         let cells = known.and_then(cells_asked);
         let has_cells = self.cells_of(cells).is_some() || packed.cells.is_some();
@@ -431,7 +436,7 @@ impl KnownOnCard {
         packed: &PackedBeside,
         cells: Option<&Arc<Cells>>,
     ) -> Result<(), GpuError> {
-        let LightBeside { known, focused } = light;
+        let LightBeside { known, focused, .. } = light;
         let light = known.map(|known| self.bring_known(session, known, packed, cells)).transpose()?;
         let photons = focused.map(|focused| self.bring_focused(session, focused, packed)).transpose()?;
         let light = light.and_then(|place| self.lights.get(place));

@@ -113,7 +113,7 @@ impl Sheet {
     }
 
     fn target_size(self, count: usize) -> [u32; 2] {
-        let width = (self.columns * self.size[0]).next_multiple_of(Target::WIDTH_STEP);
+        let width = (self.columns * self.size[0]).next_multiple_of(Target::width_step(Overlap::Nearest));
         [width, (count as u32).div_ceil(self.columns) * self.size[1]]
     }
 }

@@ -134,7 +134,7 @@ impl GpuPhotons {
         let header = GpuPassHeader { path_count: sent.len() as u32, bounces_end, ..GpuPassHeader::zeroed() };
         // In powers of two, so that a few more than before do not need other places; and so many that one alone always has room.
         let room = sent.len().next_power_of_two().max(SLICE_MIN as usize);
-        let light = LightBeside { known: None, focused: None };
+        let light = LightBeside::default();
         let of_bytes = |bytes: &[u8]| -> Vec<GpuKeptPhoton> {
             bytes.par_chunks_exact(size_of::<GpuKeptPhoton>()).map(bytemuck::pod_read_unaligned).collect()
         };

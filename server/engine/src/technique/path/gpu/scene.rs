@@ -2,7 +2,7 @@
 
 use std::sync::{
     Arc, Mutex, MutexGuard,
-    atomic::{AtomicU32, AtomicUsize, Ordering},
+    atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering},
 };
 
 use lumicast_shaders::Constant;
@@ -11,6 +11,7 @@ use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
     lookouts::Lookouts,
+    shadow_maps::{MapSides, Shadowing, Shadows, constants_of_maps},
     splats::Splatting,
     tracing::{PathStart, Paths, SLICE_MIN, Tracing, WORKGROUP},
 };
@@ -26,7 +27,7 @@ use crate::{
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{
-        STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
+        GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
 };
@@ -63,6 +64,11 @@ impl PackedScene {
         let instances = world.accel().instances().iter();
         let triangle_counts = instances.map(|instance| count_of(instance.mesh_id())).collect();
         PackedScene { triangle_counts, trees, world: world.upload() }
+    }
+
+    /// As shaders number them.
+    pub(super) fn lights(&self) -> &[GpuLight] {
+        &self.world.lights
     }
 }
 
@@ -112,6 +118,7 @@ impl GpuWorld {
             ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
             ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
         ];
+        constants.extend(constants_of_maps());
         constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
         constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
         let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
@@ -151,6 +158,8 @@ pub(super) struct Ready {
     pub(super) lookouts: Option<Lookouts>,
     /// What splats, the same.
     pub(super) splatting: Option<Splatting>,
+    /// Maps of shadows, where there are to be any.
+    pub(super) shadowing: Option<Shadowing>,
     /// Of each instance.
     pub(super) triangle_counts: Vec<u32>,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
@@ -158,7 +167,12 @@ pub(super) struct Ready {
 }
 
 impl Ready {
-    fn new(session: Arc<Session>, packed: &PackedScene) -> Result<Ready, GpuError> {
+    fn new(
+        session: Arc<Session>,
+        (world, packed): (&World, &PackedScene),
+        shadow_map_bytes_max: u64,
+    ) -> Result<Ready, GpuError> {
+        let shadowing = Shadowing::of(world, packed, MapSides::default(), shadow_map_bytes_max);
         let world = GpuWorld::new(&session, packed)?;
         let known = KnownOnCard::nothing(&session)?;
         Ok(Ready {
@@ -168,6 +182,7 @@ impl Ready {
             known,
             lookouts: None,
             splatting: None,
+            shadowing,
             triangle_counts: packed.triangle_counts.clone(),
             shader_seconds: 0.0,
         })
@@ -203,16 +218,44 @@ impl Ready {
         let Some(paths) = &mut self.paths[from as usize] else { return Err(unprepared()) };
         let mut first_seconds = 0.0;
         if paths.be_able_to(session, world, &self.known, shading)? {
-            first_seconds = Tracing { session, world, paths, known: &self.known, shading }.use_first()?;
+            let tracing = Tracing { session, world, paths, known: &self.known, shading, maps: None };
+            first_seconds = tracing.use_first()?;
         }
         self.shader_seconds += session.shader_seconds() - compiled + first_seconds;
         Ok(())
     }
 
+    /// Has what draws maps of shadows, where there are to be any, and what asks them.
+    pub(super) fn be_able_to_map(&mut self) -> Result<(), GpuError> {
+        self.make_room(PathStart::Pixels, SLICE_MIN)?;
+        let (session, world) = (&self.session, &self.world);
+        let compiled = session.shader_seconds();
+        let Some(paths) = &mut self.paths[PathStart::Pixels as usize] else { return Err(unprepared()) };
+        if let Some(shadowing) = &mut self.shadowing {
+            shadowing.be_able(session, world)?;
+            paths.be_able_to_ask_maps(session, world)?;
+        }
+        self.shader_seconds += session.shader_seconds() - compiled;
+        Ok(())
+    }
+
+    /// Has maps of shadows, where there are to be any.
+    fn draw_maps(&mut self, world: &World) -> Result<(), GpuError> {
+        self.be_able_to_map()?;
+        match &mut self.shadowing {
+            Some(shadowing) => shadowing.draw(&self.session, world, &self.triangle_counts),
+            None => Ok(()),
+        }
+    }
+
     /// What traces such paths; after [`Ready::prepare`].
-    fn tracing(&self, from: PathStart, shading: Shading) -> Result<Tracing<'_>, GpuError> {
+    fn tracing(&self, from: PathStart, shading: Shading, shadows: Shadows) -> Result<Tracing<'_>, GpuError> {
         let paths = self.paths[from as usize].as_ref().ok_or_else(unprepared)?;
-        Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading })
+        let maps = match shadows {
+            Shadows::ByRays => None,
+            Shadows::ByMaps => self.shadowing.as_ref().and_then(Shadowing::maps),
+        };
+        Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading, maps })
     }
 }
 
@@ -236,6 +279,10 @@ pub struct GpuScene {
     pub(super) frame: Mutex<Option<FrameOnCard>>,
     /// Pixels from which on pictures are not shown so: it had no room, or failed.
     pub(super) frames_refused_from: AtomicUsize,
+    /// First passes that it was asked to show.
+    pub(super) first_shown: AtomicU32,
+    /// Maps of shadows had no room, or failed.
+    pub(super) maps_refused: AtomicBool,
     /// Passes since one was shown so.
     pub(super) passes_unshown: AtomicU32,
     /// Paths of the next slice of a picture that begins: as many as the last one came to.
@@ -256,6 +303,8 @@ impl GpuScene {
             gone_shader_seconds: Mutex::default(),
             frame: Mutex::default(),
             frames_refused_from: AtomicUsize::new(usize::MAX),
+            first_shown: AtomicU32::new(0),
+            maps_refused: AtomicBool::new(false),
             passes_unshown: AtomicU32::new(0),
             pixels_at_once: AtomicU32::new(SLICE_MIN),
             losses: AtomicU32::new(0),
@@ -341,7 +390,14 @@ impl GpuScene {
         light: LightBeside<'_>,
         work: impl Fn(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work))
+        let done = self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work));
+        let has_failed = !matches!(done, Ok(_) | Err(GpuError::Lost));
+        if has_failed && light.shadows == Shadows::ByMaps && self.refuse_maps() {
+            // Without maps there may be room.
+            self.let_go(&mut locked(&self.ready));
+            return self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work));
+        }
+        done
     }
 
     fn try_to_trace<T>(
@@ -357,7 +413,12 @@ impl GpuScene {
         let (mut held, packed) = self.packed_for(light, |ready| ready.make_room(from, capacity))?;
         self.run(&mut held, |ready| {
             let shading = ready.known.bring(&ready.session, light, &packed)?;
-            let traced = ready.prepare(from, shading).and_then(|()| work(ready.tracing(from, shading)?));
+            if light.shadows == Shadows::ByMaps && !self.maps_refused.load(Ordering::Relaxed) {
+                ready.draw_maps(&self.world)?;
+            }
+            let traced = ready
+                .prepare(from, shading)
+                .and_then(|()| work(ready.tracing(from, shading, light.shadows)?));
             match traced {
                 // With less light there is room for what paths bring.
                 Err(error @ GpuError::OutOfMemory { .. }) if light.is_any() => {
@@ -405,7 +466,9 @@ impl GpuScene {
                     packed = Some(PackedScene::of(&self.world));
                     continue;
                 };
-                *held = Some(Ready::new(self.gpu.session()?, packed)?);
+                let of_scene = (&*self.world, packed);
+                let shadow_map_bytes_max = self.gpu.options().shadow_map_bytes_max;
+                *held = Some(Ready::new(self.gpu.session()?, of_scene, shadow_map_bytes_max)?);
             }
             return Ok(held);
         }
@@ -437,5 +500,6 @@ impl GpuScene {
         self.let_go(&mut locked(&self.ready));
         self.let_frame_go();
         self.frames_refused_from.store(usize::MAX, Ordering::Relaxed);
+        self.maps_refused.store(false, Ordering::Relaxed);
     }
 }

@@ -226,7 +226,7 @@ impl GpuScene {
     /// Errors: what the card does not do; [`GpuError::LightTooLarge`] where the sketch has no room beside what others look up, which stays,
     /// and [`GpuError::OutOfMemory`] where the scene has none.
     pub fn is_fit(&self, sketch: &Arc<dyn FocusedLight>) -> Result<bool, GpuError> {
-        let light = LightBeside { known: None, focused: Some(sketch) };
+        let light = LightBeside { focused: Some(sketch), ..LightBeside::default() };
         let count = || {
             let (mut held, packed) = self.packed_for(light, |_| Ok(()))?;
             self.run(&mut held, |ready| {

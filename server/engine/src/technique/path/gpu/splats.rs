@@ -224,7 +224,7 @@ impl Ready {
         let pixels = Pixels::new(&session, view, target.size()[0], target.byte_count())?;
         let Splatting { seen, seen_layout, .. } = self.splatting.as_ref().ok_or_else(unprepared)?;
         let group = session.bind(seen_layout, &[&pixels.header, &pixels.drawn, &pixels.points])?;
-        batch.copy_target(&target, &pixels.drawn)?;
+        batch.copy_target(&target, &pixels.drawn, 0)?;
         let groups = [&self.world.trees_group, &self.world.group, &group];
         batch.dispatch(seen, &groups, seen.workgroups(pixels.count() as u64))?;
         // Waited for: only then the target has left the card, and what is drawn next has its room.
@@ -414,7 +414,7 @@ impl GpuScene {
         if !known.has_records() {
             return Err(no_records());
         }
-        let light = LightBeside { known: Some(known), focused: None };
+        let light = LightBeside { known: Some(known), ..LightBeside::default() };
         // Before light goes for a picture that cannot be.
         self.run(&mut *self.ready()?, |ready| {
             let able = ready.prepare_splatting(by).and_then(|()| check_size(&ready.session, view));

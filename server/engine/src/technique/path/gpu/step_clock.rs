@@ -8,6 +8,7 @@ use std::ops::AddAssign;
 use super::{
     Film, GpuPassHeader, GpuPathTracer, View,
     known::LightBeside,
+    shadow_maps::Shadows,
     tracing::{PathStart, Tracing, workgroups_of},
 };
 use crate::{film::PictureSize, gpu::GpuError};
@@ -48,11 +49,18 @@ impl AddAssign for StepSeconds {
 impl GpuPathTracer {
     /// Traces the first pass of a picture step by step and throws it away; `None` on a device without a clock.
     ///
+    /// - `shadows`: who tells them
+    ///
     /// Errors: what the card does not do.
-    pub fn step_seconds(&self, view: &View, size: PictureSize) -> Result<Option<StepSeconds>, GpuError> {
+    pub fn step_seconds(
+        &self,
+        view: &View,
+        size: PictureSize,
+        shadows: Shadows,
+    ) -> Result<Option<StepSeconds>, GpuError> {
         let header = self.header_of(view, &Film::new(size), 0);
         let pixel_count = size.pixel_count() as u32;
-        let light = LightBeside { known: self.secondary.as_ref(), focused: None };
+        let light = LightBeside { known: self.secondary.as_ref(), focused: None, shadows };
         self.scene.trace_with(PathStart::Pixels, size.pixel_count(), light, |tracing| {
             let capacity = tracing.capacity();
             let mut seconds = StepSeconds::default();
@@ -151,7 +159,7 @@ mod tests {
         let view = View::new(&world, &camera, size);
         let scene = Arc::new(GpuScene::new(Arc::new(gpu), world));
         let tracer = GpuPathTracer::new(scene, PathSettings::all(None, 0));
-        let Some(seconds) = tracer.step_seconds(&view, size).unwrap() else { return };
+        let Some(seconds) = tracer.step_seconds(&view, size, Shadows::ByRays).unwrap() else { return };
         assert!(seconds.by_name().iter().all(|(_, seconds)| *seconds > 0.0), "{seconds:?}");
     }
 }

@@ -14,6 +14,7 @@ mod lights;
 mod lookouts;
 mod materials;
 mod photons;
+mod shadow_maps;
 mod sketches;
 mod splats;
 mod textures;
@@ -140,7 +141,7 @@ impl Shot {
         let view = View::new(&self.world, &self.camera, self.size);
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
         tracer.make_room(self.size.pixel_count()).unwrap();
-        let begun = Begun { header, pass, focused: self.focused.clone(), taken: 0 };
+        let begun = Begun { header, pass, focused: self.focused.clone(), shadows: Shadows::ByRays, taken: 0 };
         Running::new(begun)
     }
 

@@ -10,7 +10,7 @@ use bytemuck::{NoUninit, Zeroable};
 use lumicast_shaders::{
     GATHER_BEGIN, GATHER_OCCLUDED, GATHER_SHADE, GATHER_SHADE_BY_OCTREE, PATH_BEGIN, PATH_CLOSEST,
     PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_SHADE_BY_RECORDS, PATH_TURN, PHOTONS_BEGIN,
-    PHOTONS_FLY, Step as Shader,
+    PHOTONS_FLY, SHADOWS_ASK, SHADOWS_TURN, Step as Shader,
 };
 
 use super::{
@@ -20,6 +20,7 @@ use super::{
     known::{Asked, KnownOnCard, Shading},
     photons::{GpuKeptPhoton, GpuSentPhoton, KEPT_PER_PHOTON},
     scene::GpuWorld,
+    shadow_maps::{ShadowMaps, layout_of_maps},
 };
 use crate::{
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session},
@@ -120,6 +121,14 @@ impl PathStart {
         }
     }
 
+    /// Queues of them: where maps are asked, another of those that these leave.
+    fn shadow_queues(self) -> u64 {
+        match self {
+            PathStart::Pixels => 2,
+            PathStart::Rays | PathStart::Photons => 1,
+        }
+    }
+
     fn sample_bytes(self) -> u64 {
         match self {
             PathStart::Pixels => SAMPLE_BYTES,
@@ -163,7 +172,8 @@ impl Places {
         let shadow_count = (count * from.shadow_rays_max()).max(1);
         let shadows = session.buffer_zeroed("shadow rays", shadow_count * SHADOW_BYTES)?;
         let samples = session.buffer_zeroed("samples", count * from.sample_bytes())?;
-        let queues = session.buffer_zeroed("queues", count * (2 + from.shadow_rays_max()) * QUEUE_BYTES)?;
+        let queues_of_paths = 2 + from.shadow_queues() * from.shadow_rays_max();
+        let queues = session.buffer_zeroed("queues", count * queues_of_paths * QUEUE_BYTES)?;
         let counters = session.buffer_zeroed("counters", size_of::<GpuCounters>() as u64)?;
         let layout = session.layout(&[
             Binding::Uniform,
@@ -204,6 +214,8 @@ pub(super) struct Paths {
     closest: Arc<Pipeline>,
     turn: Arc<Pipeline>,
     occluded: Option<Arc<Pipeline>>,
+    /// Asking maps of shadows, and how many shadow rays those leave; once somebody wanted that.
+    ask_maps: Option<[Arc<Pipeline>; 2]>,
     /// `None`: the card takes each to its end.
     hand_over: Option<HandOver>,
     /// By [`Shading::index`]; each compiled when it is first needed.
@@ -241,6 +253,7 @@ impl Paths {
             hand_over,
             closest: pipeline(&PATH_CLOSEST)?,
             occluded: from.occluded().map(pipeline).transpose()?,
+            ask_maps: None,
             turn: session.pipeline(&PATH_TURN, &world.constants, &turn_layouts)?,
             from,
             places,
@@ -254,6 +267,23 @@ impl Paths {
     pub(super) fn make_room(&mut self, session: &Session, capacity: u32) -> Result<(), GpuError> {
         if self.places.capacity < capacity {
             self.places = Places::new(session, self.from, capacity)?;
+        }
+        Ok(())
+    }
+
+    /// Shadows of pixels can be asked of maps from now on.
+    pub(super) fn be_able_to_ask_maps(
+        &mut self,
+        session: &Arc<Session>,
+        world: &GpuWorld,
+    ) -> Result<(), GpuError> {
+        if self.ask_maps.is_none() {
+            let (maps, sizes) = (layout_of_maps(session)?, session.layout(&[Binding::Write])?);
+            let pipeline = |step: &'static Shader, layout: &Layout| {
+                let layouts = [&*world.trees_layout, &*world.layout, &*self.places.layout, layout];
+                session.pipeline(step, &world.constants, &layouts)
+            };
+            self.ask_maps = Some([pipeline(&SHADOWS_ASK, &maps)?, pipeline(&SHADOWS_TURN, &sizes)?]);
         }
         Ok(())
     }
@@ -288,6 +318,8 @@ pub(super) struct Tracing<'a> {
     /// What they ask for light.
     pub(super) known: &'a KnownOnCard,
     pub(super) shading: Shading,
+    /// What tells which lights without extent are hidden; `None`: rays do.
+    pub(super) maps: Option<&'a ShadowMaps>,
 }
 
 impl<'a> Tracing<'a> {
@@ -363,12 +395,14 @@ impl<'a> Tracing<'a> {
 
     /// The shadow rays of a scattering, once it is known how many there are.
     pub(super) fn occluded(self, batch: &mut Batch) -> Result<(), GpuError> {
-        match &self.paths.occluded {
-            Some(occluded) => {
-                batch.dispatch_indirect(occluded, &self.groups(), &self.paths.sizes, SHADOW_SIZES_AT)
-            }
-            None => Ok(()),
+        let Some(occluded) = &self.paths.occluded else { return Ok(()) };
+        let [trees, world, state] = self.groups();
+        let sizes = &self.paths.sizes;
+        if let (Some([ask, turn]), Some(maps)) = (&self.paths.ask_maps, self.maps) {
+            batch.dispatch_indirect(ask, &[trees, world, state, &maps.group], sizes, SHADOW_SIZES_AT)?;
+            batch.dispatch(turn, &[trees, world, state, &self.paths.sizes_group], [1, 1, 1])?;
         }
+        batch.dispatch_indirect(occluded, &[trees, world, state], sizes, SHADOW_SIZES_AT)
     }
 
     fn scatter(self, batch: &mut Batch, first: Option<[u32; 3]>) -> Result<(), GpuError> {

@@ -89,7 +89,7 @@ impl<'a> Drawing<'a> {
             let quads = Quads { size: [picture.width, picture.height], numbers, begins };
             batch.add(splat, &[&self.splat_group], &self.target, quads)?;
             if next == records.end {
-                batch.copy_target(&self.target, drawn)?;
+                batch.copy_target(&self.target, drawn, 0)?;
                 let workgroups = resolve.workgroups(self.pixels.count() as u64);
                 batch.dispatch(resolve, &[&self.resolve_group], workgroups)?;
             }

@@ -23,7 +23,8 @@ fn pass(shot: &Shot, scene: &Arc<GpuScene>, number: u32, hands_over: bool) -> (G
     let mut tracer = shot.tracer(scene);
     let pixel_count = shot.size.pixel_count();
     let Running { begun, .. } = shot.begin(&mut tracer, number);
-    let light = LightBeside { known: shot.known.as_ref(), focused: shot.focused.as_ref() };
+    let light =
+        LightBeside { known: shot.known.as_ref(), focused: shot.focused.as_ref(), ..LightBeside::default() };
     let traced = scene.trace_with(PathStart::Pixels, pixel_count, light, |tracing| {
         let capacity = tracing.capacity();
         let header = GpuPassHeader { path_count: pixel_count as u32, capacity, ..begun.header };

@@ -352,6 +352,8 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             rays,
             shadow_rays,
             kept,
+            shadows_at,
+            next_left_count,
         }
     );
     let begin_ray = GATHER_BEGIN.source(PROOF_CONSTANTS);

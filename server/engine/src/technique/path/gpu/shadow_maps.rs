@@ -1,0 +1,256 @@
+//! Maps of shadows: what lights without extent see, drawn once for a scene and asked by pictures of who moves [Williams1978].
+//!
+//! A picture of one sample shows shadows' edges by where that lies in its pixel, whatever tells them; a ray for each costs a card a fifth of such
+//! a picture. Maps tell where all around is lit or hidden alike, and the edges where texels are about as small as pixels; rays tell the rest
+//! (`shadow_maps/planes.rs`). What they told is not kept: the next pass of a film that has only such a one replaces its light.
+
+pub(super) mod planes;
+
+use std::{
+    sync::{Arc, atomic::Ordering},
+    time::Instant,
+};
+
+use glam::Vec3;
+use lumicast_shaders::{Constant, SHADOW_MAP};
+
+#[cfg(test)]
+pub(super) use self::planes::GpuShadowPlane;
+pub(super) use self::planes::{MapSides, ShadowPlanes};
+use super::scene::{GpuScene, GpuWorld, PackedScene, Ready};
+use crate::{
+    gpu::{
+        BindGroup, Binding, Buffer, Draw, GpuError, GpuTrees, Layout, Overlap, RasterPipeline, Session,
+        Target,
+    },
+    transport::World,
+};
+
+/// Who tells which lights without extent are hidden.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Shadows {
+    /// A ray each.
+    #[default]
+    ByRays,
+    /// Maps, as far as they do.
+    ByMaps,
+}
+
+/// What draws maps.
+#[derive(Debug)]
+struct Drawing {
+    pipeline: RasterPipeline,
+    trees: BindGroup,
+    scene: BindGroup,
+    /// Of planes and draws.
+    layout: Arc<Layout>,
+}
+
+impl Drawing {
+    fn new(session: &Session, world: &GpuWorld) -> Result<Drawing, GpuError> {
+        let trees_layout = session.raster_layout(&GpuTrees::BINDINGS)?;
+        let scene_layout = session.raster_layout(&GpuWorld::BINDINGS)?;
+        let layout = session.raster_layout(&[Binding::Read, Binding::Read])?;
+        let layouts = [&*trees_layout, &*scene_layout, &*layout];
+        Ok(Drawing {
+            pipeline: session.raster_pipeline(&SHADOW_MAP, &world.constants, &layouts)?,
+            trees: session.bind(&trees_layout, &world.trees.buffers())?,
+            scene: session.bind(&scene_layout, &world.buffers.iter().collect::<Vec<_>>())?,
+            layout,
+        })
+    }
+}
+
+/// Maps of a scene's lights on a card.
+#[derive(Debug)]
+pub(super) struct ShadowMaps {
+    pub(super) group: BindGroup,
+    /// Of all texels.
+    pub(super) nearnesses: Buffer,
+    _planes: Buffer,
+    _of_lights: Buffer,
+}
+
+/// How steps see them.
+pub(super) fn layout_of_maps(session: &Session) -> Result<Arc<Layout>, GpuError> {
+    session.layout(&[Binding::Read, Binding::Read, Binding::Read])
+}
+
+/// Numbers that those who ask them share with [`ShadowPlanes::lit_share`].
+pub(super) fn constants_of_maps() -> [(&'static str, Constant); 4] {
+    [
+        ("SHADOW_COS_LEAST", Constant::F32(planes::COS_LEAST)),
+        ("SHADOW_TEXEL_SMOOTH", Constant::F32(planes::TEXEL_SMOOTH)),
+        ("SHADOW_TEXEL_MOST", Constant::F32(planes::TEXEL_MOST)),
+        ("SHADOW_SURE", Constant::F32(planes::SURE)),
+    ]
+}
+
+impl ShadowMaps {
+    /// Draws them, one plane after the other.
+    fn drawn(
+        (session, drawing): (&Arc<Session>, &Drawing),
+        world: &World,
+        triangle_counts: &[u32],
+        maps: &ShadowPlanes,
+    ) -> Result<ShadowMaps, GpuError> {
+        let texel_bytes = size_of::<f32>() as u64;
+        let nearnesses = session.buffer_zeroed("shadow maps", u64::from(maps.texel_count) * texel_bytes)?;
+        let planes = session.buffer_of("shadow planes", &maps.planes)?;
+        let of_lights = session.buffer_of("shadow planes of lights", &maps.of_lights)?;
+        let room_m = 1e-4 * world.accel().radius();
+        let bounds: Vec<[Vec3; 8]> =
+            (0..triangle_counts.len()).map(|instance| planes::corners_of_instance(world, instance)).collect();
+        let mut target: Option<Target> = None;
+        for (number, plane) in maps.planes.iter().enumerate() {
+            let target = match &mut target {
+                Some(target) if target.size() == [plane.side; 2] => target,
+                other => {
+                    // Not both at once.
+                    *other = None;
+                    other.insert(session.target("shadow map", [plane.side; 2], Overlap::Nearness)?)
+                }
+            };
+            let shown = (0..bounds.len()).filter(|instance| !plane.is_before(&bounds[*instance], room_m));
+            let (names, draws): (Vec<[u32; 2]>, Vec<Draw>) = shown
+                .enumerate()
+                .map(|(draw, instance)| {
+                    let vertex_count = 3 * triangle_counts[instance];
+                    let drawn =
+                        Draw { corner: [0, 0], size: [plane.side; 2], vertex_count, number: draw as u32 };
+                    ([number as u32, instance as u32], drawn)
+                })
+                .unzip();
+            let names = session.buffer_of("draws", &names)?;
+            let group = session.bind(&drawing.layout, &[&planes, &names])?;
+            let mut batch = session.batch("shadow map")?;
+            batch.draw(&drawing.pipeline, &[&drawing.trees, &drawing.scene, &group], target, &draws)?;
+            batch.copy_target(target, &nearnesses, u64::from(plane.first_texel) * texel_bytes)?;
+            // One at a time, so that what keeps a card busy is short and nobody else's pass waits for all.
+            batch.submit()?.wait()?;
+        }
+        let group = session.bind(&*layout_of_maps(session)?, &[&planes, &of_lights, &nearnesses])?;
+        Ok(ShadowMaps { group, nearnesses, _planes: planes, _of_lights: of_lights })
+    }
+}
+
+/// Maps of a scene, as far as there are any.
+#[derive(Debug)]
+pub(super) struct Shadowing {
+    pub(super) planes: ShadowPlanes,
+    /// Once somebody asked for it.
+    drawing: Option<Drawing>,
+    maps: Option<ShadowMaps>,
+}
+
+impl Shadowing {
+    /// `None` where no light has a map.
+    pub(super) fn of(
+        world: &World,
+        packed: &PackedScene,
+        sides: MapSides,
+        bytes_max: u64,
+    ) -> Option<Shadowing> {
+        let planes = ShadowPlanes::of(world, packed.lights(), sides, bytes_max)?;
+        Some(Shadowing { planes, drawing: None, maps: None })
+    }
+
+    /// What draws them is compiled.
+    pub(super) fn be_able(&mut self, session: &Session, world: &GpuWorld) -> Result<(), GpuError> {
+        if self.drawing.is_none() {
+            self.drawing = Some(Drawing::new(session, world)?);
+        }
+        Ok(())
+    }
+
+    /// Has them drawn; after [`Shadowing::be_able`].
+    pub(super) fn draw(
+        &mut self,
+        session: &Arc<Session>,
+        world: &World,
+        triangle_counts: &[u32],
+    ) -> Result<(), GpuError> {
+        if self.maps.is_none()
+            && let Some(drawing) = &self.drawing
+        {
+            self.maps = Some(ShadowMaps::drawn((session, drawing), world, triangle_counts, &self.planes)?);
+        }
+        Ok(())
+    }
+
+    pub(super) fn maps(&self) -> Option<&ShadowMaps> {
+        self.maps.as_ref()
+    }
+}
+
+/// Maps of shadows of one scene, drawn by a card and by rays.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapsCompared {
+    /// Of all maps.
+    pub texels: usize,
+    /// What drawing took the card, until it was done.
+    pub card_seconds: f64,
+    /// What rays took the CPU, by all threads.
+    pub ray_seconds: f64,
+    /// Texels that see something else than their ray.
+    pub differing: usize,
+}
+
+impl GpuScene {
+    /// Who is to tell shadows of a first picture that is shown: maps from the second on, since a scene that is edited from picture to picture
+    /// would have them drawn for one alone.
+    pub(super) fn shadows_of_first(&self) -> Shadows {
+        let shown_before = self.first_shown.fetch_add(1, Ordering::Relaxed);
+        if shown_before > 0 && !self.maps_refused.load(Ordering::Relaxed) {
+            Shadows::ByMaps
+        } else {
+            Shadows::ByRays
+        }
+    }
+
+    /// Compiles what draws maps and asks them, where there are to be any.
+    ///
+    /// Errors: what the card does not do.
+    pub(super) fn make_ready_to_map(&self) -> Result<(), GpuError> {
+        self.run(&mut *self.ready()?, Ready::be_able_to_map)
+    }
+
+    /// Draws the maps of shadows once more, on the card and by rays on the CPU; `None` where no light has any.
+    ///
+    /// Errors: what the card does not do.
+    pub fn compare_shadow_maps(&self) -> Result<Option<MapsCompared>, GpuError> {
+        self.make_ready_to_map()?;
+        let drawn = self.run(&mut *self.ready()?, |ready| {
+            let Some(shadowing) = &mut ready.shadowing else { return Ok(None) };
+            // Not both at once.
+            shadowing.maps = None;
+            let start = Instant::now();
+            shadowing.draw(&ready.session, &self.world, &ready.triangle_counts)?;
+            let Some(maps) = shadowing.maps() else { return Ok(None) };
+            // A word is there once all of it is.
+            ready.session.read(&maps.nearnesses, 0..size_of::<f32>() as u64)?;
+            let card_seconds = start.elapsed().as_secs_f64();
+            let bytes = ready.session.read(&maps.nearnesses, 0..maps.nearnesses.byte_count())?;
+            Ok(Some((
+                shadowing.planes.clone(),
+                card_seconds,
+                bytemuck::pod_collect_to_vec::<u8, f32>(&bytes),
+            )))
+        })?;
+        Ok(drawn.map(|(planes, card_seconds, by_card)| {
+            let start = Instant::now();
+            let by_rays = planes.by_rays(&self.world);
+            MapsCompared {
+                texels: by_rays.len(),
+                card_seconds,
+                ray_seconds: start.elapsed().as_secs_f64(),
+                differing: planes.differing(&by_card, &by_rays),
+            }
+        }))
+    }
+
+    /// No maps until the scene leaves the card. True if there were to be some.
+    pub(super) fn refuse_maps(&self) -> bool {
+        !self.maps_refused.swap(true, Ordering::Relaxed)
+    }
+}

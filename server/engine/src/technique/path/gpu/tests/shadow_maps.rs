@@ -1,0 +1,349 @@
+//! Maps of shadows: what lights see, drawn beside rays; what they tell, beside their twin and beside rays; and whom they tell it.
+
+mod twin;
+
+use std::sync::atomic::Ordering;
+
+use glam::DMat3;
+
+use super::{
+    super::{
+        first_shown::ShownAs,
+        shadow_maps::{GpuShadowPlane, MapSides, ShadowPlanes, Shadowing, Shadows},
+    },
+    known_light::{ALL_STEPS, with_records},
+    textures::masked,
+    *,
+};
+use crate::{
+    accel::Ray,
+    film::{Display, ToneMap},
+    gpu::{
+        AdapterChoice, GpuOptions,
+        tests::{assert_same_layout, open_with},
+    },
+    scene::{SceneBuilder, SceneLimits, samples},
+    technique::path::{closed_forms::id, tests::transformed},
+    transport::ShadowRay,
+};
+
+/// Small ones: what is tested is how, not how finely.
+const SIDES: MapSides = MapSides { directional: 256, spot: 192, point: 64 };
+/// Texels about as large as pixels are there.
+const COARSE: MapSides = MapSides { directional: 128, spot: 128, point: 128 };
+/// Share of texels that may see something else than the ray through their middle: cards move corners to multiples of 1/256 of a pixel.
+const ELSEWHERE_MAX: f64 = 4e-3;
+
+const SUN: LightKind = LightKind::Directional { irradiance: Rgb::new(3.0, 2.5, 2.0) };
+const POINT: LightKind = LightKind::Point { intensity: Rgb::new(20.0, 18.0, 15.0) };
+
+fn spot(outer_angle_rad: f32) -> LightKind {
+    LightKind::Spot { intensity: Rgb::splat(30.0), inner_angle_rad: 0.5 * outer_angle_rad, outer_angle_rad }
+}
+
+/// A floor, a wall, a ball, a bar that nothing holds and a leaning sheet; no light, and nothing that shines.
+fn things() -> Stage {
+    let mut stage = Stage::default();
+    let grey = stage.material("grey", Material::lambert(Rgb::new(0.7, 0.6, 0.5))).unwrap();
+    let floor = SQUARE.map(|c| DVec3::new(2.0 * c.x, -1.0, -2.0 * c.y));
+    let wall = SQUARE.map(|c| 2.0 * c - 2.0 * DVec3::Z);
+    let bar = SQUARE.map(|c| DVec3::new(1.2 * c.x - 0.2, 0.08 * c.y + 0.9, 0.3));
+    for (name, corners) in [("floor", floor), ("wall", wall), ("bar", bar)] {
+        placed(&mut stage, name, quad(corners, &grey));
+    }
+    let turn = DAffine3::from_mat3_translation(
+        DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(0.5),
+        DVec3::new(1.0, -0.4, 0.4),
+    );
+    stage.place("sheet", quad(SQUARE.map(|c| 0.4 * c), &grey), turn).unwrap();
+    placed(&mut stage, "ball", samples::sphere(DVec3::new(-0.6, -0.4, 0.1), 0.6, 24, &grey));
+    let view = CameraView::look_at(DVec3::new(0.3, 0.9, 4.2), DVec3::new(0.0, -0.3, 0.0), DVec3::Y, 0.7);
+    stage.camera("main", view, 4.0 / 3.0).unwrap();
+    stage
+}
+
+/// The same, lit by one light.
+fn lit(kind: LightKind) -> Scene {
+    let mut stage = things();
+    lit_by(&mut stage, "light", DVec3::new(1.1, 2.2, 1.3), DVec3::new(-0.45, -1.0, -0.6), kind);
+    stage.finish()
+}
+
+fn each_kind() -> [(&'static str, Scene); 4] {
+    [("sun", lit(SUN)), ("spot", lit(spot(0.7))), ("broad spot", lit(spot(1.5))), ("point", lit(POINT))]
+}
+
+fn on_card(gpu: &Arc<Gpu>, shot: &Shot) -> Arc<GpuScene> {
+    Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(&shot.world)))
+}
+
+/// Planes of maps of such sides, which the scene asks from now on, and all their texels as the card has drawn them.
+fn drawn(scene: &GpuScene, sides: MapSides) -> (ShadowPlanes, Vec<f32>) {
+    let packed = PackedScene::of(&scene.world);
+    let mut held = scene.ready().unwrap();
+    let ready = held.as_mut().unwrap();
+    let shadowing = Shadowing::of(&scene.world, &packed, sides, u64::MAX).unwrap();
+    let shadowing = ready.shadowing.insert(shadowing);
+    shadowing.be_able(&ready.session, &ready.world).unwrap();
+    shadowing.draw(&ready.session, &scene.world, &ready.triangle_counts).unwrap();
+    let nearnesses = &shadowing.maps().unwrap().nearnesses;
+    let bytes = ready.session.read(nearnesses, 0..nearnesses.byte_count()).unwrap();
+    (shadowing.planes.clone(), bytemuck::pod_collect_to_vec(&bytes))
+}
+
+/// Texels see what a ray through their middle meets, as near; through holes of masks too.
+#[test]
+fn maps_see_what_rays_meet() {
+    let Some(gpu) = shared() else { return };
+    let mut sieves = SceneBuilder::from_scene(&masked(), SceneLimits::default());
+    let direction = DVec3::new(-0.2, -0.8, -0.7).normalize();
+    sieves.add_light(id("sun"), Light { parent: None, position: DVec3::ZERO, direction, kind: SUN }).unwrap();
+    let sieves = sieves.finish().0;
+    for (name, scene) in each_kind().into_iter().chain([("sun through sieves", sieves)]) {
+        let shot = shot(scene);
+        let (maps, card) = drawn(&on_card(&gpu, &shot), SIDES);
+        let rays = maps.by_rays(&shot.world);
+        assert_eq!((card.len(), rays.len()), (maps.texel_count as usize, maps.texel_count as usize));
+        assert!(card.iter().all(|nearness| (0.0..=1.0).contains(nearness)), "{name}");
+        let elsewhere = maps.differing(&card, &rays);
+        let seen = rays.iter().filter(|nearness| **nearness > 0.0).count();
+        eprintln!("{name}: {elsewhere} of {} texels see something else, {seen} see anything", rays.len());
+        assert!(seen > 2000, "{name}: {seen} of {}", rays.len());
+        assert!(elsewhere as f64 <= ELSEWHERE_MAX * rays.len() as f64, "{name}: {elsewhere}");
+    }
+}
+
+/// A pass of direct light whose shadows maps tell.
+fn by_maps(shot: &Shot, scene: &Arc<GpuScene>) -> Pass {
+    let mut tracer = shot.tracer(scene);
+    let mut running = shot.begin(&mut tracer, 0);
+    running.begun.shadows = Shadows::ByMaps;
+    tracer.slice = SLICE_MIN;
+    while running.traced() < shot.size.pixel_count() {
+        tracer.trace_slice(&mut running, shot.size.pixel_count(), None).unwrap();
+    }
+    tracer.take_rest(&mut running).unwrap();
+    let samples = tracer.samples.iter().map(GpuPixelSample::unpacked).collect();
+    Pass { samples, counts: running.counts }
+}
+
+/// Direct light alone, whose only light is no lamp.
+fn of_direct(scene: Scene, size: PictureSize) -> Shot {
+    Shot { size, settings: PathSettings::all(Some(1), 1), ..shot(scene) }
+}
+
+/// What a light sends to each pixel's sample: where that is, and the shadow ray; `None` where nothing is met.
+fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay)>> {
+    let view = View::new(&shot.world, &shot.camera, shot.size);
+    let lights = shot.world.upload().lights;
+    let light = lights.iter().find(|light| light.kind != 0).unwrap();
+    let at = Vec3::from(light.position);
+    let width = shot.size.width();
+    let of_pixel = |pixel: u32| {
+        let sampler = PixelSampler::new(shot.settings.seed, 0, pixel, 0);
+        let ray = primary_ray(&view, pixel % width, pixel / width, &sampler);
+        let surface = shot.world.surface(&shot.world.closest_hit(&ray)?, ray.direction);
+        let point = surface.point;
+        let wi = if light.kind == 3 { -at } else { (at - point.position).normalize() };
+        let origin = point.origin_towards(wi);
+        let t_max = if light.kind == 3 { f32::INFINITY } else { (at - origin).length() };
+        let ray = Ray { t_max, left: point.on, ..Ray::new(origin, wi) };
+        Some(([origin, point.n_geo], ShadowRay { ray, light: None }))
+    };
+    (0..shot.size.pixel_count() as u32).map(of_pixel).collect()
+}
+
+/// Each sample's light is the share that the twin finds of what arrives without shadows, on the same map; rays are traced where that asks for one,
+/// and counted.
+#[test]
+fn maps_tell_what_their_twin_tells() {
+    let Some(gpu) = shared() else { return };
+    for (name, scene) in each_kind() {
+        let shot = of_direct(scene, size(97, 71));
+        let scene = on_card(&gpu, &shot);
+        let (maps, nearnesses) = drawn(&scene, COARSE);
+        let card = by_maps(&shot, &scene);
+        // The same light where nothing stands between: what is not lit by rays tells nothing of it.
+        let by_rays = shot.on_card(&scene, 0);
+        let view = View::new(&shot.world, &shot.camera, shot.size);
+        let light = maps.of_lights.iter().position(|[_, count]| *count > 0).unwrap();
+        let (mut others, mut asked, mut partly, mut compared) = (0, 0, 0, 0);
+        for (pixel, rays) in shadow_rays(&shot).into_iter().enumerate() {
+            let Some(([p, n], shadow)) = rays else { continue };
+            let pixel_m = 2.0 * view.half_size[0] / shot.size.width() as f32 * p.distance(view.origin);
+            let told = maps.lit_share(&nearnesses, light, [p, n], pixel_m);
+            let is_lit = !shot.world.is_occluded(&shadow);
+            let [card, by_rays] =
+                [&card, &by_rays].map(|pass| pass.samples[pixel].radiance[PathClass::Direct as usize].mean());
+            asked += usize::from(told.is_none());
+            partly += usize::from(told.is_some_and(|share| share > 0.0 && share < 1.0));
+            if by_rays > 0.0 {
+                let share = told.unwrap_or(f32::from(u8::from(is_lit)));
+                compared += 1;
+                others += usize::from((card / by_rays - share).abs() > 2e-3);
+            } else if told.is_none_or(|share| share == 0.0) {
+                compared += 1;
+                others += usize::from(card > 0.0);
+            }
+        }
+        eprintln!("{name}: {others} of {compared} others, {partly} in part, {asked} asked for rays");
+        assert!(compared > 3000 && partly > 20, "{name}: {compared} {partly}");
+        assert!(others as f64 <= OTHERS_MAX * compared as f64, "{name}: {others} of {compared}");
+        // Those whose light is black send none.
+        assert!(card.counts.shadow_rays <= asked as u64 + 10, "{name}: {:?} for {asked}", card.counts);
+        assert!(card.counts.shadow_rays * 3 < by_rays.counts.shadow_rays, "{name}: {:?}", card.counts);
+    }
+}
+
+/// What maps tell is what rays tell but along edges, at any scale and wherever the scene lies.
+#[test]
+fn shadows_by_maps_are_those_by_rays_but_for_edges() {
+    let Some(gpu) = shared() else { return };
+    for (name, scene) in each_kind() {
+        for (scale, offset) in [(1.0, 0.0), (1e-4, 0.0), (1e4, 0.0), (1.0, 1e5)] {
+            let place =
+                DAffine3::from_scale(DVec3::splat(scale)) * DAffine3::from_translation(DVec3::splat(offset));
+            let shot = of_direct(transformed(&scene, place, scale), size(120, 90));
+            let scene = on_card(&gpu, &shot);
+            let [maps, rays] = [by_maps(&shot, &scene), shot.on_card(&scene, 0)]
+                .map(|pass| pass.samples.iter().map(|sample| sample.total().mean()).collect::<Vec<f32>>());
+            let sum = |image: &[f32]| image.iter().map(|value| f64::from(*value)).sum::<f64>();
+            let (light, apart) = (sum(&maps) / sum(&rays) - 1.0, |(a, b): &(&f32, &f32)| off(**a, **b, 1e-6));
+            let others = maps.iter().zip(&rays).filter(|pair| apart(pair) > 0.1).count();
+            eprintln!("{name} × {scale:e} at {offset:e}: {others} of {}, light {light:+.4}", maps.len());
+            assert!(others * 25 < maps.len(), "{name} × {scale:e} at {offset:e}: {others} of {}", maps.len());
+            assert!(light.abs() < 0.01, "{name} × {scale:e} at {offset:e}: {light}");
+        }
+    }
+}
+
+/// The strongest lights have maps, as far as there is room; lamps have none, and scenes of lamps no plane.
+#[test]
+fn strong_lights_come_first_and_lamps_have_none() {
+    let mut stage = room();
+    for (name, kind) in [("weak", spot(0.4)), ("point", POINT), ("sun", SUN)] {
+        lit_by(&mut stage, name, DVec3::Y, DVec3::NEG_Y, kind);
+    }
+    let world = World::prepare(Arc::new(stage.finish()));
+    let lights = world.upload().lights;
+    let bytes = |sides: [u32; 3]| 4 * sides.map(|side| u64::from(side * side)).into_iter().sum::<u64>();
+    let [sun, point, weak] = [bytes([256, 0, 0]), 6 * bytes([64, 0, 0]), bytes([192, 0, 0])];
+    let planes = |bytes_max: u64| ShadowPlanes::of(&world, &lights, SIDES, bytes_max);
+    let kinds = |maps: &ShadowPlanes| -> Vec<u32> {
+        let has = |number: &usize| maps.of_lights[*number][1] > 0;
+        (0..lights.len()).filter(has).map(|number| lights[number].kind).collect()
+    };
+    assert_eq!((planes(0), planes(point - 1)), (None, None));
+    let all = planes(u64::MAX).unwrap();
+    let mut found = kinds(&all);
+    found.sort_unstable();
+    assert_eq!((found, all.planes.len()), (vec![1, 2, 3], 8));
+    assert_eq!(u64::from(all.texel_count) * 4, sun + point + weak);
+    assert!(planes(sun + point + weak).is_some_and(|maps| maps == all));
+    let fewer = planes(sun + point + weak - 1).unwrap();
+    assert_eq!(fewer.planes.len(), 7, "the weakest goes first");
+    // Each texel is one plane's.
+    let mut next = 0;
+    for plane in &all.planes {
+        assert_eq!(plane.first_texel, next);
+        next += plane.side * plane.side;
+    }
+    let lamps = World::prepare(Arc::new(samples::cornell_box().unwrap()));
+    assert_eq!(ShadowPlanes::of(&lamps, &lamps.upload().lights, SIDES, u64::MAX), None);
+    let nothing = World::prepare(Arc::new(Stage::default().finish()));
+    assert_eq!(ShadowPlanes::of(&nothing, &lights, SIDES, u64::MAX), None);
+}
+
+/// First pictures ask maps from the second of a scene on, if light is looked up; what they told goes with the next pass, and rays tell all that
+/// stays.
+#[test]
+fn who_moves_asks_maps_and_who_stays_rays() {
+    let Some(gpu) = shared() else { return };
+    let known = with_records(lit(SUN), ALL_STEPS, true);
+    let traced = Shot { known: None, ..known.clone() };
+    let display = Arc::new(Display::new(ToneMap::AgX, 0.0));
+    let shadow_rays = |scene: &Arc<GpuScene>, shot: &Shot, shown: bool| {
+        let mut tracer = shot.tracer(scene);
+        tracer.show_first_as(shown.then(|| ShownAs { display: Arc::clone(&display), denoises: true }));
+        let mut film = Film::new(shot.size);
+        let counts = step(&mut tracer, shot, &mut film, false).counts;
+        assert_eq!(tracer.take_shown().is_some(), shown);
+        assert!(step(&mut tracer, shot, &mut film, false).complete);
+        (counts.shadow_rays, film)
+    };
+    let scene = on_card(&gpu, &known);
+    let (by_rays, of_rays) = shadow_rays(&scene, &known, false);
+    assert_eq!(shadow_rays(&scene, &known, true).0, by_rays, "the first by rays");
+    let (by_maps, film) = shadow_rays(&scene, &known, true);
+    assert!(by_maps * 3 < 2 * by_rays, "{by_maps} for {by_rays}");
+    // The second pass of that film is all that it holds of scattered light.
+    let mut alone = Film::new(known.size);
+    let mut tracer = known.tracer(&scene);
+    assert!(step(&mut tracer, &known, &mut alone, false).complete);
+    alone.outdate(&[PathClass::Direct, PathClass::Caustic, PathClass::Indirect], Outdated::Wrong);
+    assert!(step(&mut tracer, &known, &mut alone, false).complete);
+    for class in PathClass::ALL {
+        assert_eq!(film.layer(class), alone.layer(class), "{}", class.name());
+    }
+    assert!(
+        film.layer(PathClass::Direct) != of_rays.layer(PathClass::Direct),
+        "both passes of those by rays"
+    );
+    let scene = on_card(&gpu, &traced);
+    let all: Vec<u64> = (0..3).map(|_| shadow_rays(&scene, &traced, true).0).collect();
+    assert!(all.iter().all(|rays| *rays == all[0]), "path tracing traces all: {all:?}");
+}
+
+/// Where maps have no room, or none are wanted, rays tell all, and the picture is drawn there nevertheless.
+#[test]
+fn without_room_for_maps_rays_tell_all() {
+    let shot = with_records(lit(SUN), ALL_STEPS, true);
+    let on = |options: GpuOptions| {
+        let gpu = open_with(&GpuOptions { adapter: AdapterChoice::Any, ..options }).map(Arc::new)?;
+        Some((on_card(&gpu, &shot), gpu))
+    };
+    let Some((whole, _gpu)) = on(GpuOptions::default()) else { return };
+    let by_rays = shot.on_card(&whole, 0).counts.shadow_rays;
+    let without = whole.bytes();
+    let with = by_maps(&shot, &whole).counts.shadow_rays;
+    assert!(with < by_rays && whole.bytes() > without + (16 << 20), "{} for {without}", whole.bytes());
+    let (none_wanted, _gpu) = on(GpuOptions { shadow_map_bytes_max: 0, ..GpuOptions::default() }).unwrap();
+    assert_eq!(by_maps(&shot, &none_wanted).counts.shadow_rays, by_rays);
+    let (no_room, _gpu) = on(GpuOptions { bytes_max: without + 1_000_000, ..GpuOptions::default() }).unwrap();
+    assert_eq!(by_maps(&shot, &no_room).counts.shadow_rays, by_rays);
+    assert!(no_room.maps_refused.load(Ordering::Relaxed));
+    // They may come back with the scene.
+    no_room.withdraw();
+    assert!(!no_room.maps_refused.load(Ordering::Relaxed));
+    whole.gpu.session().unwrap().lose_for_test();
+    assert_eq!(by_maps(&shot, &whole).counts.shadow_rays, with);
+}
+
+/// Planes lie in WGSL as in Rust.
+#[test]
+fn shadow_planes_lie_alike_in_rust_and_wgsl() {
+    let sources = [
+        lumicast_shaders::SHADOW_MAP.source(lumicast_shaders::PROOF_CONSTANTS),
+        lumicast_shaders::SHADOWS_ASK.source(lumicast_shaders::PROOF_CONSTANTS),
+    ];
+    for source in &sources {
+        assert_same_layout!(
+            source,
+            "ShadowPlane",
+            GpuShadowPlane {
+                origin,
+                half_width,
+                right,
+                half_height,
+                up,
+                reach_m,
+                back,
+                is_perspective,
+                first_texel,
+                side,
+                padding_0,
+                padding_1,
+            }
+        );
+    }
+}
