@@ -48,8 +48,8 @@ fn lit_share(shadow: Shadow) -> f32 {
     var at = vec2f(dot(from_light, plane.right), dot(from_light, plane.up)) / half_size;
     var nearness = 1.0 - ahead / plane.reach_m;
     var texel_m = texel;
-    // Nearness that a texel's size makes.
-    var room = texel / plane.reach_m;
+    // Nearness that as much of a texel's size makes.
+    var room = SHADOW_ROOM_TEXELS * texel / plane.reach_m;
     // What light falls onto the surface at, and by how much the surface is nearer for each 1 to the right and upwards.
     var cosine = -dot(n, plane.back);
     var steeper = tilt / (cosine * plane.reach_m);
@@ -60,7 +60,7 @@ fn lit_share(shadow: Shadow) -> f32 {
         at /= ahead;
         nearness = plane.reach_m / ahead;
         texel_m = texel * ahead;
-        room = nearness * texel;
+        room = SHADOW_ROOM_TEXELS * texel * nearness;
         let height = dot(n, from_light);
         cosine = height / length(from_light);
         steeper = tilt * (plane.reach_m / height);

@@ -98,6 +98,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("SHADOW_COS_LEAST", Constant::F32(0.1)),
     ("SHADOW_TEXEL_SMOOTH", Constant::F32(2.0)),
     ("SHADOW_TEXEL_MOST", Constant::F32(8.0)),
+    ("SHADOW_ROOM_TEXELS", Constant::F32(0.5)),
     ("SHADOW_SURE", Constant::F32(1e-5)),
     ("SMOOTH_ALPHA", Constant::F32(1e-3)),
     ("FLOAT_MAX", Constant::F32(f32::MAX)),

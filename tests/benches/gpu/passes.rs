@@ -177,6 +177,8 @@ impl Drawing<'_> {
         shadows: Shadows,
         figures: &mut SceneFigures<'_>,
     ) -> Result<(), Box<dyn Error>> {
+        // Some drivers compile at first use.
+        card.step_seconds(&self.view, self.size, shadows)?;
         let steps = warmed(card.scene().gpu(), || Ok(card.step_seconds(&self.view, self.size, shadows)?))?;
         let Some(steps) = steps else { return Ok(()) };
         let all: f64 = steps.by_name().iter().map(|(_, seconds)| seconds).sum();

@@ -211,6 +211,7 @@ impl GpuPathTracer {
     pub fn new(scene: Arc<GpuScene>, settings: PathSettings) -> GpuPathTracer {
         let slice = scene.pixels_at_once.load(Ordering::Relaxed);
         GpuPathTracer {
+            first_shadows: scene.first_shadows(),
             scene,
             settings,
             secondary: None,
@@ -218,7 +219,6 @@ impl GpuPathTracer {
             samples: Vec::new(),
             slice,
             shown_as: None,
-            first_shadows: Shadows::ByMaps,
             shown: None,
             completed: Vec::new(),
             refuses_sketches: false,

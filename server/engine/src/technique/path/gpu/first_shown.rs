@@ -108,7 +108,8 @@ impl GpuPathTracer {
         self.shown_as = shown_as;
     }
 
-    /// Who tells the shadows of first passes that the card shows: maps where nothing else is said, as far as they do.
+    /// Who tells the shadows of first passes of looked-up light that the card shows: where nobody says maps as far as they do, and rays where the
+    /// adapter is the CPU itself.
     pub fn tell_first_shadows(&mut self, shadows: Shadows) {
         self.first_shadows = shadows;
     }

@@ -50,7 +50,9 @@ pub(in super::super) const COS_LEAST: f32 = 0.1;
 /// Texels where those around do not agree are no larger than so many pixels, or a ray is traced: shadows are no rougher than the picture.
 pub(in super::super) const TEXEL_SMOOTH: f32 = 2.0;
 /// The same where they agree: what is thinner than a texel may be missed between them.
-pub(in super::super) const TEXEL_MOST: f32 = 8.0;
+pub(in super::super) const TEXEL_MOST: f32 = 4.0;
+/// Texels' sizes by which something must be nearer to hide a surface: where that bends, others of its facets lie above its plane.
+pub(in super::super) const ROOM_TEXELS: f32 = 0.5;
 /// Of the weights of those around, what rounding may make.
 pub(in super::super) const SURE: f32 = 1e-5;
 

@@ -264,6 +264,7 @@ fn who_moves_asks_maps_and_who_stays_rays() {
     let display = Arc::new(Display::new(ToneMap::AgX, 0.0));
     let shadow_rays = |scene: &Arc<GpuScene>, shot: &Shot, shown: bool| {
         let mut tracer = shot.tracer(scene);
+        tracer.tell_first_shadows(Shadows::ByMaps);
         tracer.show_first_as(shown.then(|| ShownAs { display: Arc::clone(&display), denoises: true }));
         let mut film = Film::new(shot.size);
         let counts = step(&mut tracer, shot, &mut film, false).counts;

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 
 use super::super::super::shadow_maps::{
     ShadowPlanes,
-    planes::{COS_LEAST, SURE, TEXEL_MOST, TEXEL_SMOOTH},
+    planes::{COS_LEAST, ROOM_TEXELS, SURE, TEXEL_MOST, TEXEL_SMOOTH},
 };
 
 fn face_before(from_light: Vec3) -> usize {
@@ -51,10 +51,10 @@ impl ShadowPlanes {
                 return None;
             }
             let height = n.dot(from_light);
-            (at, texel_m, room) = (aside / ahead, texel * ahead, plane.nearness(ahead) * texel);
+            (at, texel_m, room) = (aside / ahead, texel * ahead, ROOM_TEXELS * texel * plane.nearness(ahead));
             (cosine, steeper) = (height / from_light.length(), tilt * (plane.reach_m / height));
         } else {
-            (at, texel_m, room) = (aside, texel, texel / plane.reach_m);
+            (at, texel_m, room) = (aside, texel, ROOM_TEXELS * texel / plane.reach_m);
             cosine = -n.dot(back);
             steeper = tilt / (cosine * plane.reach_m);
         }
