@@ -77,6 +77,26 @@ fn what_is_not_drawn_as_the_file_has_it_is_said() {
     assert_eq!((code, stderr.contains("warning")), (Some(0), false), "{stderr}");
 }
 
+/// A picture of a single sample of learnt light says how far off it is (in truth by 0.52), and the same on one thread and on two.
+#[test]
+fn single_samples_of_learnt_light_are_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let errors = [1, 2].map(|threads| {
+        let line = format!(
+            "render builtin:cornell-box --indirect octree --size 32x32 --samples 1 --threads {threads} --out a.exr --json"
+        );
+        let (code, stdout, stderr) = run(folder.path(), &line);
+        assert_eq!(code, Some(0), "{stderr}");
+        let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        assert_eq!(facts["samples_per_pixel"], 1);
+        let [low, high] = [0, 1].map(|end| facts["error_ci"][end].as_f64().unwrap());
+        let error = facts["error"].as_f64().unwrap();
+        assert!(low <= error && error <= high && (0.3..0.8).contains(&error), "{low} {error} {high}");
+        error
+    });
+    assert_eq!(errors[0], errors[1]);
+}
+
 /// The octree's picture of so many samples is the same to the last byte on one thread and on two, has exactly those
 /// samples, and says what it was made of.
 #[test]

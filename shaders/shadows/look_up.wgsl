@@ -65,9 +65,10 @@ fn lit_share(shadow: Shadow) -> f32 {
         cosine = height / length(from_light);
         steeper = tilt * (plane.reach_m / height);
     }
-    // Of light that grazes, rounding and what is between texels decide.
+    // Light that falls from the side stretches texels over the surface; where it grazes, rounding and what is between them decide.
+    let pixel_in_light_m = pixel_m * abs(cosine);
     let is_known = abs(cosine) >= SHADOW_COS_LEAST && max(abs(at.x), abs(at.y)) <= 1.0
-        && texel_m <= SHADOW_TEXEL_MOST * pixel_m;
+        && texel_m <= SHADOW_TEXEL_MOST * pixel_in_light_m;
     if !is_known {
         return ASKS_FOR_RAY;
     }
@@ -80,14 +81,15 @@ fn lit_share(shadow: Shadow) -> f32 {
             let tap = clamp(middle + vec2f(f32(column), f32(row)) - 1.0, vec2f(0.0), vec2f(side - 1.0));
             let apart = (tap + 0.5 - place) * vec2f(2.0, -2.0) / side;
             let index = plane.first_texel + u32(tap.y) * plane.side + u32(tap.x);
-            if nearnesses[index] <= nearness + dot(steeper, apart) + room {
+            // Nothing is at nearness 0, however far the surface would be there.
+            if nearnesses[index] <= max(nearness + dot(steeper, apart) + room, 0.0) {
                 lit += weight_of(column, within.x) * weight_of(row, within.y);
             }
         }
     }
     // Texels that agree are believed; where they do not, a ray tells more than the mean of coarse ones.
     let is_edge = lit > SHADOW_SURE && lit < 1.0 - SHADOW_SURE;
-    if is_edge && texel_m > SHADOW_TEXEL_SMOOTH * pixel_m {
+    if is_edge && texel_m > SHADOW_TEXEL_SMOOTH * pixel_in_light_m {
         return ASKS_FOR_RAY;
     }
     return select(lit, round(lit), !is_edge);

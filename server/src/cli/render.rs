@@ -291,6 +291,10 @@ impl<'a> Job<'a> {
                 break reason;
             }
         };
+        if stopped_by == StopReason::Samples && rendering.passes() == 1 {
+            cancel.store(false, Ordering::SeqCst);
+            rendering.measure_first(&cancel);
+        }
         progress.finish();
         let seconds = self.seconds();
         outlook.end(rendering, seconds);

@@ -193,8 +193,8 @@ impl Seen {
         // Light that was replaced has fewer samples than the rest. How much of the noise is its own nobody has noted: half at most, and
         // what is looked up hardly spreads by more than itself. What shadows' edges spread by is not its own: holes of leaves in
         // sunlight on the ground blurred, 5.5 % for 3.6 after 4 s.
-        let [passes, fewest] = [held.passes, held.fewest()].map(|count| f64::from(count.max(1)));
-        let spread = pixel.variance_of_mean(held.passes) * passes;
+        let [passes, fewest] = [held.spread(), held.fewest()].map(|count| f64::from(count.max(1)));
+        let spread = pixel.variance_of_mean(held) * passes;
         let looked_up = f64::from(sum(&[PathClass::Indirect]).luminance());
         // Of a single sample, which may have found nothing, that is not known.
         let is_known = !has_caustics && held.fewest() >= 2;
@@ -232,6 +232,7 @@ struct Filter {
     surfaces: Planes,
     /// A power of two that brings light near one: products neither overflow nor vanish, and nothing is rounded.
     scale: f64,
+    /// That tell how much samples spread.
     passes: u32,
     carries: bool,
 }
@@ -249,7 +250,7 @@ impl Filter {
         let scale = (-f64::from(brightest.max(f32::MIN_POSITIVE)).log2().ceil()).exp2();
         let width = film.size().width() as usize;
         let surfaces = surfaces(&seen, width);
-        Filter { width, seen, surfaces, scale, passes: film.passes_min(), carries: class.is_some() }
+        Filter { width, seen, surfaces, scale, passes: film.spread_passes_min(), carries: class.is_some() }
     }
 
     fn run(&self) -> Denoised {

@@ -97,7 +97,7 @@ impl PictureSize {
 pub enum Outdated {
     /// It is of the same scene, only less well known: it counts for two passes at most beside what comes.
     Rough,
-    /// It is of the scene before an edit: it goes with the next pass.
+    /// It is of the scene before an edit, or was good enough only while somebody moved: it goes with the next pass.
     Wrong,
 }
 
@@ -154,8 +154,8 @@ impl Film {
         &mut self.tiles
     }
 
-    /// Lets the passes to come replace light of `classes`, of those that come by way of other surfaces (caustics and indirect
-    /// light), since more is known of it now. What was sampled of the others stays.
+    /// Lets the passes to come replace light of `classes`, of those that are scattered on their way (all but emitted light), since more is known
+    /// of it now. What was sampled of the others stays.
     pub fn outdate(&mut self, classes: &[PathClass], outdated: Outdated) {
         self.tiles.iter_mut().for_each(|tile| tile.outdate(classes, outdated));
     }
@@ -218,7 +218,7 @@ impl Film {
     /// Unbiased for independent samples; for the stratified samples of a pixel it is an upper estimate,
     /// because it does not see that they avoid each other. [`Film::measured_error`] does.
     pub fn variance(&self) -> Vec<f32> {
-        self.image(0.0, |pixel, held| pixel.variance_of_mean(held.passes).min(f64::from(f32::MAX)) as f32)
+        self.image(0.0, |pixel, held| pixel.variance_of_mean(held).min(f64::from(f32::MAX)) as f32)
     }
 
     /// The error of the picture shown now, measured from its two independent halves; `None` below two
@@ -232,10 +232,15 @@ impl Film {
         measured::measure(self)
     }
 
-    /// The noise of what was sampled since the light that comes by way of other surfaces was last replaced, as relMSE, and
+    /// The noise of what was sampled since scattered light was last replaced, as relMSE, and
     /// over how many passes; `None` below two.
     pub fn noise(&self) -> Option<(MeasuredError, u32)> {
         Some((measured::measure(self)?, self.halves_passes_min()))
+    }
+
+    /// Passes whose samples tell how much they spread, where those are fewest.
+    fn spread_passes_min(&self) -> u32 {
+        self.tiles.iter().map(|tile| tile.held().spread()).min().unwrap_or(0)
     }
 
     fn halves_passes_min(&self) -> u32 {

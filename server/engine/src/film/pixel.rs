@@ -77,6 +77,8 @@ pub(super) struct Held {
     pub(super) forgotten: [u32; SCATTERED.len()],
     /// Those that came before the halves were begun anew.
     pub(super) before_halves: u32,
+    /// Those that came before how much samples spread was noted anew.
+    pub(super) before_spread: u32,
 }
 
 impl Held {
@@ -93,6 +95,11 @@ impl Held {
     /// Passes that the sum of the class with the fewest holds.
     pub(super) fn fewest(self) -> u32 {
         self.passes - self.forgotten.into_iter().max().unwrap_or(0)
+    }
+
+    /// Passes whose samples tell how much they spread.
+    pub(super) fn spread(self) -> u32 {
+        self.passes - self.before_spread
     }
 
     /// Passes in the halves, even and odd ones.
@@ -182,7 +189,7 @@ impl Pixel {
                 self.half_difference[channel_index] += sign * f64::from(value);
             }
         }
-        if pass_index > 0 {
+        if held.spread() > 0 {
             let value = f64::from(sample.total().luminance());
             self.add_deviation(value, mean_before, luminance(self.total_mean(held.after_one_more())));
         }
@@ -198,6 +205,11 @@ impl Pixel {
     pub(super) fn scale(&mut self, class: PathClass, share: f64) {
         self.half_difference = [0.0; 3];
         self.radiance_sum[class as usize].iter_mut().for_each(|sum| *sum *= share);
+    }
+
+    /// Begins to note how much samples spread anew.
+    pub(super) fn forget_spread(&mut self) {
+        self.squared_deviation_sum = 0.0;
     }
 
     /// Welford's step with the means taken from the sums, so that they need no place of their own:
@@ -249,10 +261,10 @@ impl Pixel {
         self.met.are_shining()
     }
 
-    /// Variance of the mean luminance; 0 below two passes.
-    pub(super) fn variance_of_mean(&self, passes: u32) -> f64 {
-        let n = f64::from(passes);
-        if passes < 2 { 0.0 } else { self.squared_deviation_sum / (n - 1.0) / n }
+    /// Variance of the mean luminance; 0 while fewer than two passes tell it.
+    pub(super) fn variance_of_mean(&self, held: Held) -> f64 {
+        let n = f64::from(held.spread());
+        if n < 2.0 { 0.0 } else { self.squared_deviation_sum / (n - 1.0) / n }
     }
 
     /// Unbiased estimate, per channel, of the squared error of the mean of the n ≥ 2 passes that the halves hold, as far as it is

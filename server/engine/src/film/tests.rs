@@ -193,6 +193,20 @@ fn all_that_is_scattered_is_replaced() {
     }
     assert!(film.layer(PathClass::Emitted).iter().all(|value| value.r == 2.5));
     assert!(film.radiance().iter().all(|value| (value.r - 8.5).abs() < 1e-5));
+    // What is left spreads as if the pass before had never been.
+    for passes in [1, 2, 3, 8] {
+        let scattered = |x, y, p| of(0.0, uniform(7, x, y, p) as f32);
+        let [mut kept, mut alone] = [(); 2].map(|()| self::film(20, 20));
+        pass(&mut kept, |_, _, _| of(0.0, 9.0));
+        kept.outdate(&SCATTERED, Outdated::Wrong);
+        (1..=passes).for_each(|p| pass(&mut kept, |x, y, _| scattered(x, y, p)));
+        (1..=passes).for_each(|p| pass(&mut alone, |x, y, _| scattered(x, y, p)));
+        assert_eq!(kept.radiance(), alone.radiance());
+        for (kept, alone) in kept.variance().into_iter().zip(alone.variance()) {
+            assert!((kept - alone).abs() <= 1e-6 * alone, "{passes}: {kept} for {alone}");
+        }
+        assert!(passes < 2 || kept.variance().iter().all(|variance| *variance > 0.0));
+    }
 }
 
 /// Light of one class is replaced and that of the other stays, however often.

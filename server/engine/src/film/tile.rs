@@ -23,6 +23,8 @@ pub struct Tile {
     forgotten: [u32; SCATTERED.len()],
     /// Passes before the halves were begun anew.
     before_halves: u32,
+    /// Passes before all scattered light was forgotten at once, and with it how much samples spread.
+    before_spread: u32,
     /// The next pass brings better light, by class; what is there counts for so many passes at most from then on.
     outdated: [Option<u32>; SCATTERED.len()],
     dropped_samples: u64,
@@ -43,6 +45,7 @@ impl Tile {
             passes: 0,
             forgotten: [0; SCATTERED.len()],
             before_halves: 0,
+            before_spread: 0,
             outdated: [None; SCATTERED.len()],
             dropped_samples: 0,
             pixels,
@@ -67,7 +70,8 @@ impl Tile {
 
     /// How many passes the sums of each kind of light hold.
     pub(super) fn held(&self) -> Held {
-        Held { passes: self.passes, forgotten: self.forgotten, before_halves: self.before_halves }
+        let Tile { passes, forgotten, before_halves, before_spread, .. } = *self;
+        Held { passes, forgotten, before_halves, before_spread }
     }
 
     /// Marks light of some classes for replacement by that of the passes to come: until the next it stays as it is.
@@ -92,6 +96,10 @@ impl Tile {
                 self.forgotten[index] = self.passes - kept;
                 self.before_halves = self.passes;
             }
+        }
+        if self.passes > self.before_spread && self.forgotten == [self.passes; SCATTERED.len()] {
+            self.pixels.iter_mut().for_each(Pixel::forget_spread);
+            self.before_spread = self.passes;
         }
     }
 

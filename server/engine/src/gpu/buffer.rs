@@ -150,11 +150,16 @@ impl Session {
         self.allocate(name, byte_count, usage)
     }
 
+    /// Bytes that shaders may see at once.
+    pub fn binding_bytes_max(&self) -> u64 {
+        self.limits.max_storage_buffer_binding_size
+    }
+
     /// Whether shaders may see so many bytes at once.
     ///
     /// Errors: [`GpuError::OutOfMemory`] where they may not.
     pub fn check_binding(&self, name: &str, byte_count: u64) -> Result<(), GpuError> {
-        let bytes_allowed = self.limits.max_storage_buffer_binding_size;
+        let bytes_allowed = self.binding_bytes_max();
         if byte_count <= bytes_allowed {
             return Ok(());
         }

@@ -201,6 +201,12 @@ impl Rendering {
         }
     }
 
+    /// Measures a picture that is done after its first pass, by the share of all work that is due to measuring: whoever waits for a first picture to
+    /// be drawn on waits for nothing else.
+    pub fn measure_first(&mut self, cancel: &AtomicBool) {
+        self.measure(cancel);
+    }
+
     /// Finds out whether the picture has the error asked for, where it seems so. What its own path-traced film says, which is a
     /// mean over all pixels, counts at once.
     fn confirm(&mut self, measured: Option<&MeasuredError>) {

@@ -200,7 +200,7 @@ pub struct GpuMaterial {
 pub struct GpuLight {
     /// Where; the way the light goes of a directional one.
     pub position: [f32; 3],
-    /// 0 triangle, 1 point, 2 spot, 3 directional.
+    /// [`GpuLight::TRIANGLE`] and those beside it.
     pub kind: u32,
     /// W/sr; W/m² of a directional one.
     pub intensity: [f32; 3],
@@ -218,6 +218,18 @@ pub struct GpuLight {
     pub area_m2: f32,
     /// 1: a triangle that shines from both sides.
     pub is_two_sided: u32,
+}
+
+/// Kinds, as WGSL numbers them.
+impl GpuLight {
+    /// A triangle that emits.
+    pub const TRIANGLE: u32 = 0;
+    /// Shines all around from one point.
+    pub const POINT: u32 = 1;
+    /// Shines into a cone.
+    pub const SPOT: u32 = 2;
+    /// Infinitely far.
+    pub const DIRECTIONAL: u32 = 3;
 }
 
 /// A node of the lights' tree; `LightNode` in WGSL.

@@ -132,8 +132,9 @@ struct Begun {
     header: GpuPassHeader,
     pass: u32,
     focused: Option<Arc<dyn FocusedLight>>,
-    /// Who tells its shadows.
+    /// Who is to tell its shadows, and whether maps told any.
     shadows: Shadows,
+    has_asked_maps: bool,
     /// Pixels, in rows, whose samples are here. Those of the last slice may lack what paths bring that were handed over.
     taken: usize,
 }
@@ -267,7 +268,8 @@ impl GpuPathTracer {
         let handed = running.handed.take();
         let first_pixel = running.traced() as u32;
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
-        let Running { begun: Begun { header, focused, shadows, .. }, coming, counts, .. } = running;
+        let Running { begun, coming, counts, .. } = running;
+        let Begun { header, focused, shadows, has_asked_maps, .. } = begun;
         let light =
             LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref(), shadows: *shadows };
         // What a card has counted of a sketch the CPU would have to count as well.
@@ -283,7 +285,8 @@ impl GpuPathTracer {
                 tracing.copy_samples(frame.samples(), first_pixel, path_count)?;
             }
             let brought = tracing.bring(&slice)?;
-            Ok((slice, Coming { count: path_count as usize, brought, handed }))
+            let coming = Coming { count: path_count as usize, brought, handed };
+            Ok((slice, coming, tracing.maps.is_some()))
         };
         let traced = rayon::scope(|scope| {
             if let Some(handed) = &handed {
@@ -292,8 +295,9 @@ impl GpuPathTracer {
             self.scene.trace_with(PathStart::Pixels, pixel_count, light, trace)
         });
         *counts += handed.map_or_else(Counts::default, |handed| self.add_followed(&handed, &followed));
-        let (slice, next) = traced?;
+        let (slice, next, asks_maps) = traced?;
         *coming = Some(next);
+        *has_asked_maps |= asks_maps;
         *counts += slice.counts;
         self.slice = self.scene.slice_after(PathStart::Pixels, self.slice, wanted, slice.first_seconds);
         self.scene.pixels_at_once.store(self.slice, Ordering::Relaxed);
@@ -386,7 +390,14 @@ impl GpuPathTracer {
             Some(begun) => begun,
             None => {
                 self.make_room(pixel_count)?;
-                Begun { header, pass, focused: focused.clone(), shadows: Shadows::ByRays, taken: 0 }
+                Begun {
+                    header,
+                    pass,
+                    focused: focused.clone(),
+                    shadows: Shadows::ByRays,
+                    has_asked_maps: false,
+                    taken: 0,
+                }
             }
         };
         (self.shown, self.completed) = (None, Vec::new());
@@ -417,7 +428,7 @@ impl GpuPathTracer {
         // The card shows it while the film takes it.
         let shown = frame.and_then(|frame| self.show(frame, film.size()));
         self.add_to(film);
-        if running.begun.shadows == Shadows::ByMaps {
+        if running.begun.has_asked_maps {
             film.outdate(&[PathClass::Direct, PathClass::Caustic, PathClass::Indirect], Outdated::Wrong);
         }
         if !self.keep_shown(shown, film.size()) {

@@ -56,7 +56,7 @@ impl Lights {
         }
         let directional = self.directional.iter().map(|light| GpuLight {
             position: light.direction.into(),
-            kind: 3,
+            kind: GpuLight::DIRECTIONAL,
             intensity: light.irradiance.to_array(),
             ..GpuLight::zeroed()
         });
@@ -99,12 +99,12 @@ fn packed(light: &LocalLight) -> GpuLight {
             is_two_sided: u32::from(*two_sided),
             ..GpuLight::zeroed()
         },
-        LocalLight::Point { position, intensity } => standing(1, *position, *intensity),
+        LocalLight::Point { position, intensity } => standing(GpuLight::POINT, *position, *intensity),
         LocalLight::Spot { position, axis, intensity, cos_inner, cos_outer } => GpuLight {
             axis: (*axis).into(),
             cos_inner: *cos_inner,
             cos_outer: *cos_outer,
-            ..standing(2, *position, *intensity)
+            ..standing(GpuLight::SPOT, *position, *intensity)
         },
     }
 }

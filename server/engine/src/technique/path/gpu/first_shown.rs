@@ -84,12 +84,8 @@ impl GpuScene {
             // Some drivers compile at first use.
             frame.show(pixel, PathClasses::ALL.bits(), (&display, true), Session::batch)?.collect()
         });
-        let mapped = self.make_ready_to_map();
-        if mapped.is_err() {
-            self.refuse_maps();
-        }
-        if mapped == Err(GpuError::Lost) {
-            return mapped;
+        if self.first_shadows() == Shadows::ByMaps {
+            self.make_ready_to_map()?;
         }
         match shown {
             Err(GpuError::Lost) => Err(GpuError::Lost),
@@ -169,6 +165,9 @@ impl GpuPathTracer {
         let collected = shown.map(|shown| shown.and_then(FrameShown::collect)).transpose();
         match collected {
             Ok(shown) => {
+                if shown.is_some() {
+                    self.scene.first_shown.fetch_add(1, Ordering::Relaxed);
+                }
                 self.shown = shown;
                 false
             }

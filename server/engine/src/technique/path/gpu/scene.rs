@@ -172,7 +172,8 @@ impl Ready {
         (world, packed): (&World, &PackedScene),
         shadow_map_bytes_max: u64,
     ) -> Result<Ready, GpuError> {
-        let shadowing = Shadowing::of(world, packed, MapSides::default(), shadow_map_bytes_max);
+        let bytes_max = shadow_map_bytes_max.min(session.binding_bytes_max());
+        let shadowing = Shadowing::of(world, packed, MapSides::default(), bytes_max);
         let world = GpuWorld::new(&session, packed)?;
         let known = KnownOnCard::nothing(&session)?;
         Ok(Ready {
@@ -188,11 +189,20 @@ impl Ready {
         })
     }
 
-    /// Has places for so many paths of a slice. Where there is no room for them, light of single passes goes first, then all.
+    /// Has places for so many paths of a slice. Where there is no room for them, maps of shadows go first, then light of single passes, then
+    /// all.
     fn make_room(&mut self, from: PathStart, capacity: u32) -> Result<(), GpuError> {
-        for forget in [KnownOnCard::forget_focused, KnownOnCard::forget] {
+        let forgets: [Forget; 3] = [
+            |ready| {
+                ready.let_maps_go();
+                Ok(())
+            },
+            |ready| ready.known.forget_focused(&ready.session),
+            |ready| ready.known.forget(&ready.session),
+        ];
+        for forget in forgets {
             match self.add_places(from, capacity) {
-                Err(GpuError::OutOfMemory { .. }) => forget(&mut self.known, &self.session)?,
+                Err(GpuError::OutOfMemory { .. }) => forget(self)?,
                 done => return done,
             }
         }
@@ -240,12 +250,17 @@ impl Ready {
     }
 
     /// Has maps of shadows, where there are to be any.
-    fn draw_maps(&mut self, world: &World) -> Result<(), GpuError> {
+    pub(super) fn draw_maps(&mut self, world: &World) -> Result<(), GpuError> {
         self.be_able_to_map()?;
         match &mut self.shadowing {
             Some(shadowing) => shadowing.draw(&self.session, world, &self.triangle_counts),
             None => Ok(()),
         }
+    }
+
+    /// Gives the memory of maps of shadows back, and draws none before the scene is brought again. True if there were any.
+    pub(super) fn let_maps_go(&mut self) -> bool {
+        self.shadowing.take().is_some_and(|shadowing| shadowing.maps().is_some())
     }
 
     /// What traces such paths; after [`Ready::prepare`].
@@ -258,6 +273,9 @@ impl Ready {
         Ok(Tracing { session: &self.session, world: &self.world, paths, known: &self.known, shading, maps })
     }
 }
+
+/// Gives something's memory back.
+type Forget = fn(&mut Ready) -> Result<(), GpuError>;
 
 pub(super) fn unprepared() -> GpuError {
     GpuError::Failed { what: "steps were not prepared".into() }
@@ -279,10 +297,10 @@ pub struct GpuScene {
     pub(super) frame: Mutex<Option<FrameOnCard>>,
     /// Pixels from which on pictures are not shown so: it had no room, or failed.
     pub(super) frames_refused_from: AtomicUsize,
-    /// First passes that it was asked to show.
+    /// First passes that it has shown.
     pub(super) first_shown: AtomicU32,
-    /// Maps of shadows had no room, or failed.
-    pub(super) maps_refused: AtomicBool,
+    /// A device was lost over maps of shadows: no other is to be.
+    pub(super) has_lost_by_maps: AtomicBool,
     /// Passes since one was shown so.
     pub(super) passes_unshown: AtomicU32,
     /// Paths of the next slice of a picture that begins: as many as the last one came to.
@@ -304,7 +322,7 @@ impl GpuScene {
             frame: Mutex::default(),
             frames_refused_from: AtomicUsize::new(usize::MAX),
             first_shown: AtomicU32::new(0),
-            maps_refused: AtomicBool::new(false),
+            has_lost_by_maps: AtomicBool::new(false),
             passes_unshown: AtomicU32::new(0),
             pixels_at_once: AtomicU32::new(SLICE_MIN),
             losses: AtomicU32::new(0),
@@ -390,14 +408,7 @@ impl GpuScene {
         light: LightBeside<'_>,
         work: impl Fn(Tracing<'_>) -> Result<T, GpuError>,
     ) -> Result<T, GpuError> {
-        let done = self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work));
-        let has_failed = !matches!(done, Ok(_) | Err(GpuError::Lost));
-        if has_failed && light.shadows == Shadows::ByMaps && self.refuse_maps() {
-            // Without maps there may be room.
-            self.let_go(&mut locked(&self.ready));
-            return self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work));
-        }
-        done
+        self.or_without_frame(|| self.try_to_trace(from, path_count, light, &work))
     }
 
     fn try_to_trace<T>(
@@ -412,13 +423,19 @@ impl GpuScene {
         // Room first, since light may have to go for it.
         let (mut held, packed) = self.packed_for(light, |ready| ready.make_room(from, capacity))?;
         self.run(&mut held, |ready| {
-            let shading = ready.known.bring(&ready.session, light, &packed)?;
-            if light.shadows == Shadows::ByMaps && !self.maps_refused.load(Ordering::Relaxed) {
-                ready.draw_maps(&self.world)?;
+            if light.shadows == Shadows::ByMaps {
+                self.draw_maps(ready)?;
             }
-            let traced = ready
-                .prepare(from, shading)
-                .and_then(|()| work(ready.tracing(from, shading, light.shadows)?));
+            let trace = |ready: &mut Ready| {
+                let shading = ready.known.bring(&ready.session, light, &packed)?;
+                ready.prepare(from, shading)?;
+                work(ready.tracing(from, shading, light.shadows)?)
+            };
+            let traced = match trace(ready) {
+                // Rays need no room.
+                Err(GpuError::OutOfMemory { .. }) if ready.let_maps_go() => trace(ready),
+                traced => traced,
+            };
             match traced {
                 // With less light there is room for what paths bring.
                 Err(error @ GpuError::OutOfMemory { .. }) if light.is_any() => {
@@ -500,6 +517,6 @@ impl GpuScene {
         self.let_go(&mut locked(&self.ready));
         self.let_frame_go();
         self.frames_refused_from.store(usize::MAX, Ordering::Relaxed);
-        self.maps_refused.store(false, Ordering::Relaxed);
+        self.first_shown.store(0, Ordering::Relaxed);
     }
 }

@@ -1,7 +1,7 @@
 //! Maps of shadows: what lights without extent see, drawn once for a scene and asked by pictures of who moves [Williams1978].
 //!
-//! A picture of one sample shows shadows' edges by where that lies in its pixel, whatever tells them; a ray for each costs a card a fifth of such
-//! a picture. Maps tell where all around is lit or hidden alike, and the edges where texels are about as small as pixels; rays tell the rest
+//! A picture of one sample shows shadows' edges by where that lies in its pixel, whatever tells them; a ray for each costs a card 15 % of such
+//! a pass in Sponza. Maps tell where all around is lit or hidden alike, and the edges where texels are about as small as pixels; rays tell the rest
 //! (`shadow_maps/planes.rs`). What they told is not kept: the next pass of a film that has only such a one replaces its light.
 
 pub(super) mod planes;
@@ -207,19 +207,43 @@ impl GpuScene {
     /// The same of the one that begins: maps from the second on, since a scene that is edited from picture to picture would have them drawn for
     /// one alone.
     pub(super) fn shadows_of_first(&self) -> Shadows {
-        let shown_before = self.first_shown.fetch_add(1, Ordering::Relaxed);
-        if shown_before > 0 && !self.maps_refused.load(Ordering::Relaxed) {
+        let is_second = self.first_shown.load(Ordering::Relaxed) > 0;
+        if is_second && !self.has_lost_by_maps.load(Ordering::Relaxed) {
             Shadows::ByMaps
         } else {
             Shadows::ByRays
         }
     }
 
-    /// Compiles what draws maps and asks them, where there are to be any.
+    /// Has maps of shadows, where there are to be any and they have room. Whatever else fails at them leaves shadows to rays.
     ///
-    /// Errors: what the card does not do.
+    /// Errors: [`GpuError::Lost`].
+    pub(super) fn draw_maps(&self, ready: &mut Ready) -> Result<(), GpuError> {
+        match ready.draw_maps(&self.world) {
+            Err(GpuError::Lost) => {
+                self.has_lost_by_maps.store(true, Ordering::Relaxed);
+                Err(GpuError::Lost)
+            }
+            Err(_) => {
+                ready.let_maps_go();
+                Ok(())
+            }
+            Ok(()) => Ok(()),
+        }
+    }
+
+    /// Compiles what draws maps and asks them, where there are to be any. A card that cannot leaves shadows to rays.
+    ///
+    /// Errors: [`GpuError::Lost`].
     pub(super) fn make_ready_to_map(&self) -> Result<(), GpuError> {
-        self.run(&mut *self.ready()?, Ready::be_able_to_map)
+        self.run(&mut *self.ready()?, |ready| match ready.be_able_to_map() {
+            Err(GpuError::Lost) => Err(GpuError::Lost),
+            Err(_) => {
+                ready.let_maps_go();
+                Ok(())
+            }
+            Ok(()) => Ok(()),
+        })
     }
 
     /// Draws the maps of shadows once more, on the card and by rays on the CPU; `None` where no light has any.
@@ -254,10 +278,5 @@ impl GpuScene {
                 differing: planes.differing(&by_card, &by_rays),
             }
         }))
-    }
-
-    /// No maps until the scene leaves the card. True if there were to be some.
-    pub(super) fn refuse_maps(&self) -> bool {
-        !self.maps_refused.swap(true, Ordering::Relaxed)
     }
 }

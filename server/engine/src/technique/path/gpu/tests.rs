@@ -141,7 +141,14 @@ impl Shot {
         let view = View::new(&self.world, &self.camera, self.size);
         let header = tracer.header_of(&view, &Film::new(self.size), pass);
         tracer.make_room(self.size.pixel_count()).unwrap();
-        let begun = Begun { header, pass, focused: self.focused.clone(), shadows: Shadows::ByRays, taken: 0 };
+        let begun = Begun {
+            header,
+            pass,
+            focused: self.focused.clone(),
+            shadows: Shadows::ByRays,
+            has_asked_maps: false,
+            taken: 0,
+        };
         Running::new(begun)
     }
 

@@ -40,14 +40,10 @@ impl Default for MapSides {
     }
 }
 
-/// Kinds of [`GpuLight`].
-const POINT: u32 = 1;
-const SPOT: u32 = 2;
-const DIRECTIONAL: u32 = 3;
-
 /// Cosine of the angle to a surface's normal below which a ray is traced: there what is between texels decides.
 pub(in super::super) const COS_LEAST: f32 = 0.1;
-/// Texels where those around do not agree are no larger than so many pixels, or a ray is traced: shadows are no rougher than the picture.
+/// Texels where those around do not agree are no larger on the surface than so many pixels, or a ray is traced: shadows are no rougher than the
+/// picture.
 pub(in super::super) const TEXEL_SMOOTH: f32 = 2.0;
 /// The same where they agree: what is thinner than a texel may be missed between them.
 pub(in super::super) const TEXEL_MOST: f32 = 4.0;
@@ -271,9 +267,9 @@ impl ShadowPlanes {
 fn power_of(world: &World, light: &GpuLight) -> f32 {
     let intensity = Rgb::from(light.intensity).luminance();
     let spread = match light.kind {
-        POINT => 2.0,
-        SPOT => 1.0 - light.cos_outer,
-        DIRECTIONAL => 0.5 * world.accel().radius().powi(2),
+        GpuLight::POINT => 2.0,
+        GpuLight::SPOT => 1.0 - light.cos_outer,
+        GpuLight::DIRECTIONAL => 0.5 * world.accel().radius().powi(2),
         _ => 0.0,
     };
     intensity * spread
@@ -284,8 +280,8 @@ fn planes_of(world: &World, light: &GpuLight, sides: MapSides) -> Vec<GpuShadowP
     let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);
     let position = Vec3::from(light.position);
     match light.kind {
-        DIRECTIONAL => vec![GpuShadowPlane::along(position, world, sides.directional)],
-        SPOT if light.cos_outer >= SPOT_COS_LEAST => {
+        GpuLight::DIRECTIONAL => vec![GpuShadowPlane::along(position, world, sides.directional)],
+        GpuLight::SPOT if light.cos_outer >= SPOT_COS_LEAST => {
             let axis = Vec3::from(light.axis);
             let half_size = (1.0 - light.cos_outer.powi(2)).sqrt() / light.cos_outer * LARGER;
             // A cone without width sees something still.

@@ -2,7 +2,7 @@
 
 mod twin;
 
-use std::sync::atomic::Ordering;
+use std::f32::consts::FRAC_1_PI;
 
 use glam::DMat3;
 
@@ -22,18 +22,20 @@ use crate::{
         AdapterChoice, GpuOptions,
         tests::{assert_same_layout, open_with},
     },
-    scene::{SceneBuilder, SceneLimits, samples},
+    scene::{Projection, SceneBuilder, SceneLimits, samples},
     technique::path::{closed_forms::id, tests::transformed},
-    transport::ShadowRay,
+    transport::{GpuLight, ShadowRay},
 };
 
 /// Small ones: what is tested is how, not how finely.
 const SIDES: MapSides = MapSides { directional: 256, spot: 192, point: 64 };
 /// Texels about as large as pixels are there.
 const COARSE: MapSides = MapSides { directional: 128, spot: 128, point: 128 };
-/// Share of texels that may see something else than the ray through their middle: cards move corners to multiples of 1/256 of a pixel.
-const ELSEWHERE_MAX: f64 = 4e-3;
+/// Share of texels that may see something else than the ray through their middle: cards move corners to multiples of 1/256 of a pixel. Of
+/// 217,000 in these tests two did on a software adapter.
+const ELSEWHERE_MAX: f64 = 1e-3;
 
+const GREY: Rgb = Rgb::new(0.7, 0.6, 0.5);
 const SUN: LightKind = LightKind::Directional { irradiance: Rgb::new(3.0, 2.5, 2.0) };
 const POINT: LightKind = LightKind::Point { intensity: Rgb::new(20.0, 18.0, 15.0) };
 
@@ -44,7 +46,7 @@ fn spot(outer_angle_rad: f32) -> LightKind {
 /// A floor, a wall, a ball, a bar that nothing holds and a leaning sheet; no light, and nothing that shines.
 fn things() -> Stage {
     let mut stage = Stage::default();
-    let grey = stage.material("grey", Material::lambert(Rgb::new(0.7, 0.6, 0.5))).unwrap();
+    let grey = stage.material("grey", Material::lambert(GREY)).unwrap();
     let floor = SQUARE.map(|c| DVec3::new(2.0 * c.x, -1.0, -2.0 * c.y));
     let wall = SQUARE.map(|c| 2.0 * c - 2.0 * DVec3::Z);
     let bar = SQUARE.map(|c| DVec3::new(1.2 * c.x - 0.2, 0.08 * c.y + 0.9, 0.3));
@@ -66,6 +68,21 @@ fn things() -> Stage {
 fn lit(kind: LightKind) -> Scene {
     let mut stage = things();
     lit_by(&mut stage, "light", DVec3::new(1.1, 2.2, 1.3), DVec3::new(-0.45, -1.0, -0.6), kind);
+    stage.finish()
+}
+
+/// The same, lit by two suns, a point light and two spots.
+fn lit_by_many() -> Scene {
+    let mut stage = things();
+    for (name, kind, x) in [
+        ("sun", SUN, 1.1),
+        ("point", POINT, -1.3),
+        ("spot", spot(0.7), 0.2),
+        ("broad", spot(1.4), 1.5),
+        ("moon", SUN, -0.8),
+    ] {
+        lit_by(&mut stage, name, DVec3::new(x, 2.2, 1.3), DVec3::new(-0.4 * x, -1.0, -0.6), kind);
+    }
     stage.finish()
 }
 
@@ -132,11 +149,12 @@ fn of_direct(scene: Scene, size: PictureSize) -> Shot {
     Shot { size, settings: PathSettings::all(Some(1), 1), ..shot(scene) }
 }
 
-/// What a light sends to each pixel's sample: where that is, and the shadow ray; `None` where nothing is met.
-fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay)>> {
+/// What the only light sends to each pixel's sample: where that is and its normal, the shadow ray, and what arrives of it unless that is hidden;
+/// `None` where nothing is met.
+fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay, f32)>> {
     let view = View::new(&shot.world, &shot.camera, shot.size);
     let lights = shot.world.upload().lights;
-    let light = lights.iter().find(|light| light.kind != 0).unwrap();
+    let light = lights.iter().find(|light| light.kind != GpuLight::TRIANGLE).unwrap();
     let at = Vec3::from(light.position);
     let width = shot.size.width();
     let of_pixel = |pixel: u32| {
@@ -144,11 +162,22 @@ fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay)>> {
         let ray = primary_ray(&view, pixel % width, pixel / width, &sampler);
         let surface = shot.world.surface(&shot.world.closest_hit(&ray)?, ray.direction);
         let point = surface.point;
-        let wi = if light.kind == 3 { -at } else { (at - point.position).normalize() };
+        let wi = if light.kind == GpuLight::DIRECTIONAL { -at } else { (at - point.position).normalize() };
         let origin = point.origin_towards(wi);
-        let t_max = if light.kind == 3 { f32::INFINITY } else { (at - origin).length() };
+        let t_max = if light.kind == GpuLight::DIRECTIONAL { f32::INFINITY } else { (at - origin).length() };
         let ray = Ray { t_max, left: point.on, ..Ray::new(origin, wi) };
-        Some(([origin, point.n_geo], ShadowRay { ray, light: None }))
+        let sent = Rgb::from(light.intensity)
+            * match light.kind {
+                GpuLight::DIRECTIONAL => 1.0,
+                kind => {
+                    let range = light.cos_inner - light.cos_outer;
+                    let within = (-wi.dot(light.axis.into()) - light.cos_outer) / range;
+                    let share = if kind == GpuLight::SPOT { within.clamp(0.0, 1.0).powi(2) } else { 1.0 };
+                    share / (at - point.position).length_squared()
+                }
+            };
+        let reflected = GREY * sent * (wi.dot(surface.frame.n).max(0.0) * FRAC_1_PI);
+        Some(([origin, point.n_geo], ShadowRay { ray, light: None }, reflected.mean()))
     };
     (0..shot.size.pixel_count() as u32).map(of_pixel).collect()
 }
@@ -158,32 +187,33 @@ fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay)>> {
 #[test]
 fn maps_tell_what_their_twin_tells() {
     let Some(gpu) = shared() else { return };
-    for (name, scene) in each_kind() {
-        let shot = of_direct(scene, size(97, 71));
+    let flat = |mut shot: Shot| {
+        shot.camera.projection = Projection::Orthographic { half_height_m: 1.6 };
+        shot
+    };
+    let shots = each_kind().map(|(name, scene)| (name, of_direct(scene, size(97, 71))));
+    let from_far = ("sun, parallel rays to the eye", flat(of_direct(lit(SUN), size(97, 71))));
+    for (name, shot) in shots.into_iter().chain([from_far]) {
         let scene = on_card(&gpu, &shot);
         let (maps, nearnesses) = drawn(&scene, COARSE);
         let card = by_maps(&shot, &scene);
-        // The same light where nothing stands between: what is not lit by rays tells nothing of it.
         let by_rays = shot.on_card(&scene, 0);
         let view = View::new(&shot.world, &shot.camera, shot.size);
         let light = maps.of_lights.iter().position(|[_, count]| *count > 0).unwrap();
         let (mut others, mut asked, mut partly, mut compared) = (0, 0, 0, 0);
         for (pixel, rays) in shadow_rays(&shot).into_iter().enumerate() {
-            let Some(([p, n], shadow)) = rays else { continue };
-            let pixel_m = 2.0 * view.half_size[0] / shot.size.width() as f32 * p.distance(view.origin);
+            let Some(([p, n], shadow, unhidden)) = rays else { continue };
+            let away = if view.is_perspective { p.distance(view.origin) } else { 1.0 };
+            let pixel_m = 2.0 * view.half_size[0] / shot.size.width() as f32 * away;
             let told = maps.lit_share(&nearnesses, light, [p, n], pixel_m);
             let is_lit = !shot.world.is_occluded(&shadow);
-            let [card, by_rays] =
-                [&card, &by_rays].map(|pass| pass.samples[pixel].radiance[PathClass::Direct as usize].mean());
+            let card = card.samples[pixel].radiance[PathClass::Direct as usize].mean();
             asked += usize::from(told.is_none());
             partly += usize::from(told.is_some_and(|share| share > 0.0 && share < 1.0));
-            if by_rays > 0.0 {
+            if unhidden > 0.0 {
                 let share = told.unwrap_or(f32::from(u8::from(is_lit)));
                 compared += 1;
-                others += usize::from((card / by_rays - share).abs() > 2e-3);
-            } else if told.is_none_or(|share| share == 0.0) {
-                compared += 1;
-                others += usize::from(card > 0.0);
+                others += usize::from((card / unhidden - share).abs() > 2e-3);
             }
         }
         eprintln!("{name}: {others} of {compared} others, {partly} in part, {asked} asked for rays");
@@ -199,7 +229,7 @@ fn maps_tell_what_their_twin_tells() {
 #[test]
 fn shadows_by_maps_are_those_by_rays_but_for_edges() {
     let Some(gpu) = shared() else { return };
-    for (name, scene) in each_kind() {
+    for (name, scene) in each_kind().into_iter().chain([("many", lit_by_many())]) {
         for (scale, offset) in [(1.0, 0.0), (1e-4, 0.0), (1e4, 0.0), (1.0, 1e5)] {
             let place =
                 DAffine3::from_scale(DVec3::splat(scale)) * DAffine3::from_translation(DVec3::splat(offset));
@@ -211,8 +241,42 @@ fn shadows_by_maps_are_those_by_rays_but_for_edges() {
             let (light, apart) = (sum(&maps) / sum(&rays) - 1.0, |(a, b): &(&f32, &f32)| off(**a, **b, 1e-6));
             let others = maps.iter().zip(&rays).filter(|pair| apart(pair) > 0.1).count();
             eprintln!("{name} × {scale:e} at {offset:e}: {others} of {}, light {light:+.4}", maps.len());
-            assert!(others * 25 < maps.len(), "{name} × {scale:e} at {offset:e}: {others} of {}", maps.len());
-            assert!(light.abs() < 0.01, "{name} × {scale:e} at {offset:e}: {light}");
+            assert!(
+                others * 100 < maps.len(),
+                "{name} × {scale:e} at {offset:e}: {others} of {}",
+                maps.len()
+            );
+            assert!(light.abs() < 0.002, "{name} × {scale:e} at {offset:e}: {light}");
+        }
+    }
+}
+
+/// A floor that nothing stands on is lit all over, to its very edge, whatever way the light falls: along axes, and from a light on its rim.
+#[test]
+fn a_bare_floor_is_lit_to_its_edge() {
+    let Some(gpu) = shared() else { return };
+    let slanted = DVec3::new(0.8, -0.5, 0.3);
+    for (name, kind, at, direction) in [
+        ("slanted", SUN, DVec3::ZERO, slanted),
+        ("back", SUN, DVec3::ZERO, DVec3::new(-0.9, -0.2, 0.1)),
+        ("straight", SUN, DVec3::ZERO, DVec3::NEG_Y),
+        ("point", POINT, DVec3::new(2.0, 0.5, 2.0), DVec3::NEG_Y),
+        ("spot", spot(1.0), DVec3::new(-1.0, 1.0, 0.5), slanted),
+    ] {
+        let mut stage = Stage::default();
+        let grey = stage.material("grey", Material::lambert(GREY)).unwrap();
+        let floor = SQUARE.map(|c| DVec3::new(2.0 * c.x, 0.0, -2.0 * c.y));
+        placed(&mut stage, "floor", quad(floor, &grey));
+        lit_by(&mut stage, "light", at, direction, kind);
+        let view = CameraView::look_at(DVec3::new(0.3, 3.5, 4.2), DVec3::ZERO, DVec3::Y, 0.9);
+        stage.camera("main", view, 4.0 / 3.0).unwrap();
+        let shot = of_direct(stage.finish(), size(120, 90));
+        let scene = on_card(&gpu, &shot);
+        drawn(&scene, COARSE);
+        let [maps, rays] = [by_maps(&shot, &scene), shot.on_card(&scene, 0)];
+        assert!(maps.counts.shadow_rays * 2 < rays.counts.shadow_rays, "{name}: {:?}", maps.counts);
+        for (maps, rays) in maps.samples.iter().zip(&rays.samples) {
+            assert_eq!(maps.radiance, rays.radiance, "{name}");
         }
     }
 }
@@ -290,6 +354,12 @@ fn who_moves_asks_maps_and_who_stays_rays() {
         film.layer(PathClass::Direct) != of_rays.layer(PathClass::Direct),
         "both passes of those by rays"
     );
+    // Where no light has a map, nothing is forgotten.
+    let lamps = with_records(room().finish(), ALL_STEPS, true);
+    let scene = on_card(&gpu, &lamps);
+    let films = [(); 3].map(|()| shadow_rays(&scene, &lamps, true).1);
+    assert_same_bits(&films[0], &films[2]);
+    assert_same_bits(&shadow_rays(&scene, &lamps, false).1, &films[2]);
     let scene = on_card(&gpu, &traced);
     let all: Vec<u64> = (0..3).map(|_| shadow_rays(&scene, &traced, true).0).collect();
     assert!(all.iter().all(|rays| *rays == all[0]), "path tracing traces all: {all:?}");
@@ -312,10 +382,7 @@ fn without_room_for_maps_rays_tell_all() {
     assert_eq!(by_maps(&shot, &none_wanted).counts.shadow_rays, by_rays);
     let (no_room, _gpu) = on(GpuOptions { bytes_max: without + 1_000_000, ..GpuOptions::default() }).unwrap();
     assert_eq!(by_maps(&shot, &no_room).counts.shadow_rays, by_rays);
-    assert!(no_room.maps_refused.load(Ordering::Relaxed));
-    // They may come back with the scene.
-    no_room.withdraw();
-    assert!(!no_room.maps_refused.load(Ordering::Relaxed));
+    assert!(no_room.bytes() > 0 && no_room.bytes() <= without + 1_000_000, "the scene stays");
     whole.gpu.session().unwrap().lose_for_test();
     assert_eq!(by_maps(&shot, &whole).counts.shadow_rays, with);
 }

@@ -58,8 +58,10 @@ impl ShadowPlanes {
             cosine = -n.dot(back);
             steeper = tilt / (cosine * plane.reach_m);
         }
-        let is_known =
-            cosine.abs() >= COS_LEAST && at.abs().max_element() <= 1.0 && texel_m <= TEXEL_MOST * pixel_m;
+        let pixel_in_light_m = pixel_m * cosine.abs();
+        let is_known = cosine.abs() >= COS_LEAST
+            && at.abs().max_element() <= 1.0
+            && texel_m <= TEXEL_MOST * pixel_in_light_m;
         if !is_known {
             return None;
         }
@@ -77,12 +79,12 @@ impl ShadowPlanes {
             let tap = (middle + Vec2::new(column as f32, row as f32) - 1.0).clamp(Vec2::ZERO, last);
             let apart = (tap + 0.5 - place) * Vec2::new(2.0, -2.0) / side;
             let index = plane.first_texel + tap.y as u32 * plane.side + tap.x as u32;
-            if nearnesses[index as usize] <= plane.nearness(ahead) + steeper.dot(apart) + room {
+            if nearnesses[index as usize] <= (plane.nearness(ahead) + steeper.dot(apart) + room).max(0.0) {
                 lit += weight_of(column, within.x) * weight_of(row, within.y);
             }
         }
         let is_edge = lit > SURE && lit < 1.0 - SURE;
-        if is_edge && texel_m > TEXEL_SMOOTH * pixel_m {
+        if is_edge && texel_m > TEXEL_SMOOTH * pixel_in_light_m {
             return None;
         }
         Some(if is_edge { lit } else { lit.round() })
