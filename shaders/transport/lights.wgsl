@@ -25,7 +25,7 @@ struct LightNode {
     /// 1: leaf; 2: shines from both sides.
     flags: u32,
     axis: vec3f,
-    power: f32,
+    intensity: f32,
     cos_normals: f32,
     cos_emission: f32,
     padding_0: u32,
@@ -95,7 +95,7 @@ fn importance(node: u32, p: vec3f, n: vec3f) -> f32 {
         return 0.0;
     }
     let floored = max(max(distance2, radius2), LEAST_NORMAL);
-    return min(light_nodes[node].power * max(cos_emitted, 0.0) * cos_received / floored, IMPORTANCE_MAX);
+    return min(light_nodes[node].intensity * max(cos_emitted, 0.0) * cos_received / floored, IMPORTANCE_MAX);
 }
 
 /// Chances of the two children of an inner node; below 0 where neither can reach the point.

@@ -246,8 +246,8 @@ pub struct GpuLightNode {
     pub flags: u32,
     /// Axis of the cone of emission.
     pub axis: [f32; 3],
-    /// As a luminance, W.
-    pub power: f32,
+    /// Largest radiant intensity as a luminance, W/sr.
+    pub intensity: f32,
     /// Cosine of the cone's half angle.
     pub cos_normals: f32,
     /// Cosine of the angle beyond an axis at which emission ends.

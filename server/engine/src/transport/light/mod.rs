@@ -12,8 +12,6 @@ mod tests;
 mod tree;
 mod upload;
 
-use std::f32::consts::PI;
-
 use glam::Vec3;
 
 pub(crate) use self::change::{LightsChange, change_of_lights};
@@ -165,7 +163,6 @@ impl Lights {
         let [v0, v1, v2] = corners.map(|vertex| placed.mesh().positions()[vertex as usize]);
         let [e1, e2] = [v1 - v0, v2 - v0].map(|edge| placed.vector_to_render(edge).as_dvec3());
         let area_m2 = (e1.cross(e2).length() * 0.5) as f32;
-        let sides = if emission.two_sided { 2.0 } else { 1.0 };
         let axis = placed.surface_point(triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
         let light = LightBounds {
             min: a.min(b).min(c),
@@ -173,7 +170,7 @@ impl Lights {
             axis,
             cos_normals: 1.0,
             cos_emission: 0.0,
-            power: (emission.luminance * area_m2 * PI * sides).min(f32::MAX),
+            intensity: (emission.luminance * area_m2).min(f32::MAX),
             two_sided: emission.two_sided,
         };
         bounds.push((self.local.len() as u32, light));
@@ -188,16 +185,15 @@ impl Lights {
                 .transform_vector3(light.direction)
                 .normalize_or(glam::DVec3::NEG_Z)
                 .as_vec3();
-            let standing =
-                |intensity: Rgb, cos_normals: f32, cos_emission: f32, solid_angle_sr: f32| LightBounds {
-                    min: position,
-                    max: position,
-                    axis,
-                    cos_normals,
-                    cos_emission,
-                    power: intensity.luminance() * solid_angle_sr,
-                    two_sided: false,
-                };
+            let standing = |intensity: Rgb, cos_normals: f32, cos_emission: f32| LightBounds {
+                min: position,
+                max: position,
+                axis,
+                cos_normals,
+                cos_emission,
+                intensity: intensity.luminance(),
+                two_sided: false,
+            };
             match light.kind {
                 LightKind::Directional { irradiance } => {
                     if !irradiance.is_black() {
@@ -206,17 +202,13 @@ impl Lights {
                     continue;
                 }
                 LightKind::Point { intensity } => {
-                    bounds.push((self.local.len() as u32, standing(intensity, -1.0, 0.0, 4.0 * PI)));
+                    bounds.push((self.local.len() as u32, standing(intensity, -1.0, 0.0)));
                     self.local.push(LocalLight::Point { position, intensity });
                 }
                 LightKind::Spot { intensity, inner_angle_rad, outer_angle_rad } => {
                     let (cos_inner, cos_outer) = (inner_angle_rad.cos(), outer_angle_rad.cos());
-                    let solid_angle_sr = PI * (2.0 - cos_inner - cos_outer);
                     // The axis spreads over the outer cone and emission ends there: no further spread.
-                    bounds.push((
-                        self.local.len() as u32,
-                        standing(intensity, cos_outer, 1.0 - 1e-6, solid_angle_sr),
-                    ));
+                    bounds.push((self.local.len() as u32, standing(intensity, cos_outer, 1.0 - 1e-6)));
                     self.local.push(LocalLight::Spot { position, axis, intensity, cos_inner, cos_outer });
                 }
             }

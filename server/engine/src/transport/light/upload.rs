@@ -69,7 +69,7 @@ impl Lights {
                 flags: u32::from(node.is_leaf) | two_sided,
                 axis: node.bounds.axis.into(),
                 // Sums may leave the range, and WGSL may assume that no number is infinite.
-                power: node.bounds.power.min(f32::MAX),
+                intensity: node.bounds.intensity.min(f32::MAX),
                 cos_normals: node.bounds.cos_normals,
                 cos_emission: node.bounds.cos_emission,
                 padding_0: 0,

@@ -93,17 +93,17 @@ fn features_are_those_that_a_scene_calls_for() {
 #[test]
 fn the_strongest_lights_are_packed_as_finite_numbers() {
     let mut stage = Stage::default();
-    // As strong and as large as scenes may hold: a triangle's power is the largest float, and two are beyond.
+    // As strong and as large as scenes may hold: what two triangles send along their normal is beyond the largest float.
     let lamp = stage.material("lamp", Material::emitter(Rgb::splat(1e20))).unwrap();
     let corners =
-        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| DVec3::new(x, 0.0, z) * 9e8);
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| DVec3::new(x, 0.0, z) * 9.9e8);
     stage.place("lamp", samples::quad(corners, &lamp), DAffine3::IDENTITY).unwrap();
     let kind = LightKind::Point { intensity: Rgb::splat(1e20) };
     stage.light("point", Light { parent: None, position: DVec3::X, direction: DVec3::Y, kind }).unwrap();
     let nodes = upload_of(stage).light_nodes;
-    assert_eq!(nodes[0].power, f32::MAX);
+    assert_eq!(nodes[0].intensity, f32::MAX);
     for node in nodes {
-        let numbers = [node.low, node.high, node.axis, [node.power, node.cos_normals, node.cos_emission]];
+        let numbers = [node.low, node.high, node.axis, [node.intensity, node.cos_normals, node.cos_emission]];
         assert!(numbers.as_flattened().iter().all(|number| number.is_finite()), "{node:?}");
     }
 }
