@@ -95,8 +95,9 @@ settings! {
     /// triangle, 400 to 1,500 a record of irradiance, 100 a photon of caustics. A scene for which no room is left is drawn on
     /// the CPU, and so are pictures of looked-up light for which none is left beside their scene.
     gpu_bytes: u64 = 2 << 30;
-    /// Bytes of those that maps of a scene's shadows may take: 16 MiB of a directional light, 4 of a spot, 14 of a point light or a broad
-    /// spot, the strongest first. Others, and all with 0, are told by rays. Only first pictures of who moves ask them.
+    /// Bytes of those that maps of a scene's shadows may take, so that a graphics card need not trace shadow rays to these lights for the first
+    /// picture after a camera was moved: 16 MiB of a directional light, 4 of a spot, 14 of a point light or a spot with an outer angle
+    /// beyond 60°; the strongest lights come first. Later pictures trace all rays, and with 0 every picture does.
     gpu_shadow_map_bytes: u64 = 64 << 20;
     /// Seconds that a graphics card may take for a piece of work of some milliseconds before it counts as hanging.
     gpu_seconds_max: u64 = 60;

@@ -12,6 +12,8 @@ use crate::{
 const PHOTONS: u32 = 64;
 /// Of fewer that meet anything nothing is known.
 const MET_MIN: u32 = 8;
+/// Share of the brightest channel's flux from which on another one counts.
+const COUNTS: f64 = 0.1;
 /// Lights that are compared, since an edit is not to wait for thousands: where more have changed, all may be otherwise.
 const LIGHTS_MAX: usize = 16;
 /// Names the photons' random numbers.
@@ -42,8 +44,8 @@ impl LightsChange {
 }
 
 /// Where all lights have become brighter, darker or of another colour alike, by how much; and beside that the share of a light's flux that
-/// falls elsewhere after an edit, or in another colour, or comes or goes by it: that of the light for which it
-/// is most. 0: all shine as before; 1: one was taken away, or shines on other things, or nothing is known of it.
+/// falls elsewhere after an edit, or in another colour, or comes or goes by it: that of the light and of the channel for which it
+/// is most, since a red light that turns white is none that what is known of red says much of. 0: all shine as before; 1: one was taken away, or shines on other things, or nothing is known of it.
 ///
 /// The same photons set out in both scenes. Where they fall counts as elsewhere by how far that is from where they fell, over the
 /// length of their way: so a lamp that moves by a hundredth of a room counts as little in a doll's house as in a hall.
@@ -106,7 +108,7 @@ fn ratio_of(now: Rgb, before: Rgb) -> Option<Rgb> {
 /// - `dimmed`: what it sent out before counts times this
 fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source), dimmed: Rgb) -> f32 {
     let moved = (after.accel().origin_in_world() - before.accel().origin_in_world()).as_vec3();
-    let (mut met, mut all, mut otherwise) = (0, 0.0, 0.0);
+    let (mut met, mut all, mut otherwise) = (0, [0.0; 3], [0.0; 3]);
     for number in 0..PHOTONS {
         let numbers = numbers_of(number);
         let fall = |world: &World, source: &Source, times: Rgb| {
@@ -114,9 +116,7 @@ fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source), 
             let weight = weight * times;
             let hit = world.closest_hit(&ray)?;
             let way_m = hit.t * ray.direction.length();
-            // In luminance, channel by channel.
             let flux_w = [weight.r, weight.g, weight.b].map(|share| f64::from(share) * source.power_w());
-            let flux_w = [0.2126 * flux_w[0], 0.7152 * flux_w[1], 0.0722 * flux_w[2]];
             Some((ray.origin + ray.direction * hit.t, way_m, flux_w))
         };
         let (was, is) = (fall(before, old, dimmed), fall(after, new, Rgb::WHITE));
@@ -131,14 +131,21 @@ fn change_of((before, old): (&World, &Source), (after, new): (&World, &Source), 
         };
         met += 1;
         let [was, is] = [was, is].map(|fall| fall.map_or(nothing, |(.., flux_w)| flux_w));
-        for (was, is) in was.into_iter().zip(is) {
-            all += was.max(is);
-            otherwise += away * was.min(is) + (was - is).abs();
+        for channel in 0..3 {
+            let (was, is) = (was[channel], is[channel]);
+            all[channel] += was.max(is);
+            otherwise[channel] += away * was.min(is) + (was - is).abs();
         }
     }
     let has_surfaces = [before, after].iter().any(|world| !world.accel().instances().is_empty());
+    let brightest = all.into_iter().fold(0.0, f64::max);
+    // Of a channel that hardly shines nobody sees much.
+    let counts = |channel: &usize| all[*channel] > COUNTS * brightest;
     match (met >= MET_MIN, has_surfaces) {
-        (true, _) if all > 0.0 => (otherwise / all) as f32,
+        (true, _) if brightest > 0.0 => {
+            let shares = (0..3).filter(counts).map(|channel| otherwise[channel] / all[channel]);
+            shares.fold(0.0, f64::max) as f32
+        }
         (_, true) => 1.0,
         (_, false) => 0.0,
     }
@@ -256,6 +263,14 @@ mod tests {
         };
         let red = shining(Rgb::new(1.0 / 0.2126, 0.0, 0.0));
         assert!(change_of_lights(&red, &shining(Rgb::new(0.0, 0.0, 1.0 / 0.0722))).share > 0.99);
+        // By luminance a fifth of it stays.
+        assert!(change_of_lights(&red, &shining(Rgb::splat(1.0 / 0.2126))).share > 0.99);
+        let (warm, cold) = (Rgb::new(1.0, 0.9, 0.8), Rgb::new(0.8, 0.9, 1.0));
+        let between = change_of_lights(&shining(warm), &shining(cold)).share;
+        assert!((between - 0.2).abs() < 1e-3, "{between}");
+        // What little of blue there is may double.
+        let [some, more] = [0.01, 0.02].map(|blue| shining(Rgb::new(1.0, 1.0, blue)));
+        assert!(change_of_lights(&some, &more).share < 1e-3);
         assert_eq!(change_of_lights(&red, &red), LightsChange::NONE);
     }
 
