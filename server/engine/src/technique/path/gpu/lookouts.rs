@@ -11,7 +11,7 @@ use std::{
 
 use bytemuck::{Pod, Zeroable};
 use glam::{BVec3, DVec3, Vec3};
-use lumicast_shaders::PLANES;
+use lumicast_shaders::{PLANES, Raster};
 use rayon::prelude::*;
 
 use super::{
@@ -33,7 +33,10 @@ const TARGET_WIDTH: u32 = 1024;
 /// Pixels of a target at most, where one picture has no more.
 const TARGET_PIXELS_MAX: usize = 1 << 22;
 /// Nothing nearer than this share of the scene's radius is seen: less than what rounding makes of where surfaces are.
-const NEAREST: f32 = 1e-7;
+pub(super) const NEAREST: f32 = 1e-7;
+
+/// Share of the scene's radius by which something has to lie behind an eye to be left out.
+pub(super) const BEHIND_ROOM: f32 = 1e-4;
 
 /// `Plane` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -70,24 +73,28 @@ impl GpuPlane {
     }
 }
 
-/// What draws.
+/// What draws a scene's triangles onto planes.
 #[derive(Debug)]
-pub(super) struct Lookouts {
-    pipeline: RasterPipeline,
-    trees: BindGroup,
-    scene: BindGroup,
+pub(super) struct SceneRaster {
+    pub(super) pipeline: RasterPipeline,
+    pub(super) trees: BindGroup,
+    pub(super) scene: BindGroup,
     /// Of planes and draws.
-    layout: Arc<Layout>,
+    pub(super) layout: Arc<Layout>,
 }
 
-impl Lookouts {
-    fn new(session: &Session, world: &GpuWorld) -> Result<Lookouts, GpuError> {
+impl SceneRaster {
+    pub(super) fn new(
+        session: &Session,
+        world: &GpuWorld,
+        raster: &'static Raster,
+    ) -> Result<SceneRaster, GpuError> {
         let trees_layout = session.raster_layout(&GpuTrees::BINDINGS)?;
         let scene_layout = session.raster_layout(&GpuWorld::BINDINGS)?;
         let layout = session.raster_layout(&[Binding::Read, Binding::Read])?;
         let layouts = [&*trees_layout, &*scene_layout, &*layout];
-        Ok(Lookouts {
-            pipeline: session.raster_pipeline(&PLANES, &world.constants, &layouts)?,
+        Ok(SceneRaster {
+            pipeline: session.raster_pipeline(raster, &world.constants, &layouts)?,
             trees: session.bind(&trees_layout, &world.trees.buffers())?,
             scene: session.bind(&scene_layout, &world.buffers.iter().collect::<Vec<_>>())?,
             layout,
@@ -137,15 +144,20 @@ impl<'a> Look<'a> {
     }
 }
 
+/// Corners of an instance's bounds, render space.
+pub(super) fn corners_of_instance(world: &World, instance: usize) -> [Vec3; 8] {
+    let bounds = world.accel().instances()[instance].bounds_in_world();
+    std::array::from_fn(|corner| {
+        let is_high = BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
+        world.accel().to_render(DVec3::select(is_high, bounds.max, bounds.min))
+    })
+}
+
 /// All of an instance lies behind the eye.
 fn is_behind(world: &World, instance: usize, Lookout { view, .. }: &Lookout) -> bool {
-    let bounds = world.accel().instances()[instance].bounds_in_world();
-    (0..8).all(|corner: u32| {
-        let is_high = BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
-        let p = world.accel().to_render(DVec3::select(is_high, bounds.max, bounds.min));
-        // Nothing is left out by rounding that lies before it.
-        (p - view.origin).dot(view.back) > 1e-4 * world.accel().radius()
-    })
+    // Nothing is left out by rounding that lies before it.
+    let room_m = BEHIND_ROOM * world.accel().radius();
+    corners_of_instance(world, instance).iter().all(|corner| (*corner - view.origin).dot(view.back) > room_m)
 }
 
 /// What is drawn together: one, and as many more as take no more than `work_max` with it; `most` at most.
@@ -207,7 +219,7 @@ impl Ready {
         let compiled = session.shader_seconds();
         let drawing = match &mut self.lookouts {
             Some(drawing) => drawing,
-            nothing => nothing.insert(Lookouts::new(session, &self.world)?),
+            nothing => nothing.insert(SceneRaster::new(session, &self.world, &PLANES)?),
         };
         self.shader_seconds += session.shader_seconds() - compiled;
         let nearest_m = (world.accel().radius() * NEAREST).max(f32::MIN_POSITIVE);

@@ -10,7 +10,7 @@ use lumicast_shaders::Constant;
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
-    lookouts::Lookouts,
+    lookouts::SceneRaster,
     shadow_maps::{MapSides, Shadowing, Shadows, constants_of_maps},
     splats::Splatting,
     tracing::{PathStart, Paths, SLICE_MIN, Tracing, WORKGROUP},
@@ -155,7 +155,7 @@ pub(super) struct Ready {
     paths: [Option<Paths>; PathStart::COUNT],
     pub(super) known: KnownOnCard,
     /// What is drawn, once that was asked for.
-    pub(super) lookouts: Option<Lookouts>,
+    pub(super) lookouts: Option<SceneRaster>,
     /// What splats, the same.
     pub(super) splatting: Option<Splatting>,
     /// Maps of shadows, where there are to be any.

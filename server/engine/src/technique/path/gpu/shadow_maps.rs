@@ -17,12 +17,12 @@ use lumicast_shaders::{Constant, SHADOW_MAP};
 #[cfg(test)]
 pub(super) use self::planes::GpuShadowPlane;
 pub(super) use self::planes::{MapSides, ShadowPlanes};
-use super::scene::{GpuScene, GpuWorld, PackedScene, Ready};
+use super::{
+    lookouts::{BEHIND_ROOM, SceneRaster, corners_of_instance},
+    scene::{GpuScene, GpuWorld, PackedScene, Ready},
+};
 use crate::{
-    gpu::{
-        BindGroup, Binding, Buffer, Draw, GpuError, GpuTrees, Layout, Overlap, RasterPipeline, Session,
-        Target,
-    },
+    gpu::{BindGroup, Binding, Buffer, Draw, GpuError, Layout, Overlap, Session, Target},
     transport::World,
 };
 
@@ -34,31 +34,6 @@ pub enum Shadows {
     ByRays,
     /// Maps, as far as they do.
     ByMaps,
-}
-
-/// What draws maps.
-#[derive(Debug)]
-struct Drawing {
-    pipeline: RasterPipeline,
-    trees: BindGroup,
-    scene: BindGroup,
-    /// Of planes and draws.
-    layout: Arc<Layout>,
-}
-
-impl Drawing {
-    fn new(session: &Session, world: &GpuWorld) -> Result<Drawing, GpuError> {
-        let trees_layout = session.raster_layout(&GpuTrees::BINDINGS)?;
-        let scene_layout = session.raster_layout(&GpuWorld::BINDINGS)?;
-        let layout = session.raster_layout(&[Binding::Read, Binding::Read])?;
-        let layouts = [&*trees_layout, &*scene_layout, &*layout];
-        Ok(Drawing {
-            pipeline: session.raster_pipeline(&SHADOW_MAP, &world.constants, &layouts)?,
-            trees: session.bind(&trees_layout, &world.trees.buffers())?,
-            scene: session.bind(&scene_layout, &world.buffers.iter().collect::<Vec<_>>())?,
-            layout,
-        })
-    }
 }
 
 /// Maps of a scene's lights on a card.
@@ -90,7 +65,7 @@ pub(super) fn constants_of_maps() -> [(&'static str, Constant); 5] {
 impl ShadowMaps {
     /// Draws them, one plane after the other.
     fn drawn(
-        (session, drawing): (&Arc<Session>, &Drawing),
+        (session, drawing): (&Arc<Session>, &SceneRaster),
         world: &World,
         triangle_counts: &[u32],
         maps: &ShadowPlanes,
@@ -99,9 +74,9 @@ impl ShadowMaps {
         let nearnesses = session.buffer_zeroed("shadow maps", u64::from(maps.texel_count) * texel_bytes)?;
         let planes = session.buffer_of("shadow planes", &maps.planes)?;
         let of_lights = session.buffer_of("shadow planes of lights", &maps.of_lights)?;
-        let room_m = 1e-4 * world.accel().radius();
+        let room_m = BEHIND_ROOM * world.accel().radius();
         let bounds: Vec<[Vec3; 8]> =
-            (0..triangle_counts.len()).map(|instance| planes::corners_of_instance(world, instance)).collect();
+            (0..triangle_counts.len()).map(|instance| corners_of_instance(world, instance)).collect();
         let mut target: Option<Target> = None;
         for (number, plane) in maps.planes.iter().enumerate() {
             let target = match &mut target {
@@ -140,7 +115,7 @@ impl ShadowMaps {
 pub(super) struct Shadowing {
     pub(super) planes: ShadowPlanes,
     /// Once somebody asked for it.
-    drawing: Option<Drawing>,
+    drawing: Option<SceneRaster>,
     maps: Option<ShadowMaps>,
 }
 
@@ -159,7 +134,7 @@ impl Shadowing {
     /// What draws them is compiled.
     pub(super) fn be_able(&mut self, session: &Session, world: &GpuWorld) -> Result<(), GpuError> {
         if self.drawing.is_none() {
-            self.drawing = Some(Drawing::new(session, world)?);
+            self.drawing = Some(SceneRaster::new(session, world, &SHADOW_MAP)?);
         }
         Ok(())
     }

@@ -8,9 +8,10 @@
 //! however it is turned, but for what a texel's size makes.
 
 use bytemuck::{Pod, Zeroable};
-use glam::{BVec3, DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
+use super::super::lookouts::{NEAREST, corners_of_instance};
 use crate::{
     accel::Ray,
     math::Rgb,
@@ -19,8 +20,6 @@ use crate::{
 
 /// Cosine of a spot's outer angle below which it is drawn as a point light: planes of broader ones are wasted on their rims.
 const SPOT_COS_LEAST: f32 = 0.5;
-/// Nothing nearer to a light than this share of the scene's radius is drawn: less than what rounding makes of where surfaces are.
-const NEAREST: f32 = 1e-7;
 /// How much larger than what they show planes are, so that rounding leaves nothing out.
 const LARGER: f32 = 1.001;
 
@@ -166,15 +165,6 @@ impl GpuShadowPlane {
 /// Corners of what stands in the scene, render space.
 fn corners_of(world: &World) -> Vec<Vec3> {
     (0..world.accel().instances().len()).flat_map(|instance| corners_of_instance(world, instance)).collect()
-}
-
-/// Corners of an instance's bounds, render space.
-pub(super) fn corners_of_instance(world: &World, instance: usize) -> [Vec3; 8] {
-    let bounds = world.accel().instances()[instance].bounds_in_world();
-    std::array::from_fn(|corner| {
-        let is_high = BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
-        world.accel().to_render(DVec3::select(is_high, bounds.max, bounds.min))
-    })
 }
 
 /// Ahead and up, as `face_before` in WGSL counts.
