@@ -1,7 +1,7 @@
 //! Maps of shadows: what lights without extent see, drawn once for a scene and asked by pictures of who moves [Williams1978].
 //!
-//! A picture of one sample shows shadows' edges by where that lies in its pixel, whatever tells them; a ray for each costs a card 15 % of such
-//! a pass in Sponza. Maps tell where all around is lit or hidden alike, and the edges where texels are about as small as pixels; rays tell the rest
+//! A picture of one sample shows shadows' edges by where that lies in its pixel, whatever tells them; rays for it are
+//! 15 % of a path-traced pass of Sponza on a card. Maps tell where all around is lit or hidden alike, and the edges where texels are about as small as pixels; rays tell the rest
 //! (`shadow_maps/planes.rs`). What they told is not kept: the next pass of a film that has only such a one replaces its light.
 
 pub(super) mod planes;
@@ -51,7 +51,7 @@ pub(super) fn layout_of_maps(session: &Session) -> Result<Arc<Layout>, GpuError>
     session.layout(&[Binding::Read, Binding::Read, Binding::Read])
 }
 
-/// Numbers that those who ask them share with [`ShadowPlanes::lit_share`].
+/// Numbers that those who ask them go by.
 pub(super) fn constants_of_maps() -> [(&'static str, Constant); 5] {
     [
         ("SHADOW_COS_LEAST", Constant::F32(planes::COS_LEAST)),
