@@ -36,22 +36,12 @@ struct Corner {
 fn corner(@builtin(vertex_index) vertex: u32, @builtin(instance_index) draw: u32) -> Corner {
     let names = draws[draw];
     let plane = planes[names.x];
-    let triangle = triangles[instances[names.y].triangle_base + vertex / 3u];
-    let which = vertex % 3u;
-    var p = bitcast<vec3f>(triangle.a.xyz);
-    if which == 1u {
-        p = triangle.b.xyz;
-    } else if which == 2u {
-        p = triangle.c.xyz;
-    }
-    // Differences of what is large first.
-    let from_eye = to_render(names.y, p) + (placements[names.y].centre_in_render - plane.origin);
-    let across = dot(from_eye, plane.right) / plane.half_width;
-    let upwards = dot(from_eye, plane.up) / plane.half_height;
+    let drawn = drawn_corner(names.y, vertex, plane.origin);
+    let across = dot(drawn.from_eye, plane.right) / plane.half_width;
+    let upwards = dot(drawn.from_eye, plane.up) / plane.half_height;
     // Nearness in place of depth: floats tell far ones as well apart as near ones.
-    let position = vec4f(across, upwards, plane.nearest_m, -dot(from_eye, plane.back));
-    let number = triangle.a.w & ((1u << TRIANGLE_AXIS_SHIFT) - 1u);
-    return Corner(position, vec2f(f32(which == 1u), f32(which == 2u)), vec3u(names, number));
+    let position = vec4f(across, upwards, plane.nearest_m, -dot(drawn.from_eye, plane.back));
+    return Corner(position, drawn.weights, vec3u(names, drawn.triangle));
 }
 
 @fragment
@@ -62,13 +52,11 @@ fn seen(at: Corner) -> @location(0) vec4u {
     if instance == plane.left_instance && triangle == plane.left_triangle {
         discard;
     }
-    // What is interpolated may leave the triangle by rounding.
-    let b1 = clamp(at.weights.x, 0.0, 1.0);
-    let b2 = clamp(at.weights.y, 0.0, 1.0 - b1);
+    let weights = weights_within(at.weights);
     if HAS_MASKS {
-        if !is_present(instance, triangle, b1, b2) {
+        if !is_present(instance, triangle, weights.x, weights.y) {
             discard;
         }
     }
-    return vec4u(instance, triangle, bitcast<u32>(b1), bitcast<u32>(b2));
+    return vec4u(instance, triangle, bitcast<u32>(weights.x), bitcast<u32>(weights.y));
 }

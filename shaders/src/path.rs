@@ -29,6 +29,7 @@ static PHOTON: Part = Part { name: "photons/photon", source: include_str!("../ph
 static BEGIN_PHOTON_ENTRY: Part =
     Part { name: "photons/begin", source: include_str!("../photons/begin.wgsl") };
 static FLY_ENTRY: Part = Part { name: "photons/fly", source: include_str!("../photons/fly.wgsl") };
+pub(crate) static DRAWN: Part = Part { name: "path/drawn", source: include_str!("../path/drawn.wgsl") };
 static PLANES_ENTRIES: Part = Part { name: "path/planes", source: include_str!("../path/planes.wgsl") };
 static BEGIN_ENTRY: Part = Part { name: "path/begin", source: include_str!("../path/begin.wgsl") };
 static BEGIN_RAY_ENTRY: Part =
@@ -152,5 +153,5 @@ pub static PLANES: Raster = Raster {
     vertex: "corner",
     fragment: "seen",
     overlap: Overlap::Nearest,
-    parts: &[&NUMBERS, &SCENE, &TREE, &PLANES_ENTRIES],
+    parts: &[&NUMBERS, &SCENE, &TREE, &DRAWN, &PLANES_ENTRIES],
 };

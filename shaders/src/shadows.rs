@@ -3,7 +3,7 @@
 use crate::{
     Overlap, Part, Raster, Step,
     accel::{TREE, UNMASKED},
-    path::{DISPATCH, NUMBERS, PIXEL, SCENE, STATE},
+    path::{DISPATCH, DRAWN, NUMBERS, PIXEL, SCENE, STATE},
 };
 
 static PLANE: Part = Part { name: "shadows/plane", source: include_str!("../shadows/plane.wgsl") };
@@ -18,7 +18,7 @@ pub static SHADOW_MAP: Raster = Raster {
     vertex: "corner",
     fragment: "kept",
     overlap: Overlap::Nearness,
-    parts: &[&NUMBERS, &SCENE, &TREE, &PLANE, &MAP_ENTRIES],
+    parts: &[&NUMBERS, &SCENE, &TREE, &DRAWN, &PLANE, &MAP_ENTRIES],
 };
 
 /// Adds the light samples of pixels of which maps tell what arrives: the others are left to [`crate::PATH_OCCLUDED`].
