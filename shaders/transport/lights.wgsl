@@ -28,8 +28,9 @@ struct LightNode {
     intensity: f32,
     cos_normals: f32,
     cos_emission: f32,
-    padding_0: u32,
-    padding_1: u32,
+    /// One past the last node below this one.
+    end: u32,
+    padding: u32,
 }
 
 @group(1) @binding(6) var<storage, read> lights: array<Light>;
@@ -64,38 +65,70 @@ fn sin_of(cosine: f32) -> f32 {
 /// Largest number that importances are told apart by: sums of two stay floats.
 const IMPORTANCE_MAX: f32 = 1e38;
 
+/// `LEVEL` of `transport/light/tree.rs`.
+const LEVEL: f32 = 1e-3;
+
+/// A cosine to a box that reaches so far beyond a plane, `nearest_m` away at least.
+fn at_most(cosine: f32, reach_m: f32, nearest_m: f32) -> f32 {
+    if nearest_m > 0.0 {
+        return min(cosine, reach_m / nearest_m);
+    }
+    return cosine;
+}
+
+/// `LightBounds::importance`.
 fn importance(node: u32, p: vec3f, n: vec3f) -> f32 {
     let low = light_nodes[node].low;
     let high = light_nodes[node].high;
     let axis = light_nodes[node].axis;
-    let centre = (low + high) * 0.5;
-    let radius2 = length_squared(high - low) * 0.25;
-    let distance2 = length_squared(p - centre);
-    let to_point = normalize_or(p - centre, axis);
+    let half_way = (high - low) * 0.5;
+    let from_centre = p - (low + high) * 0.5;
+    let distance_m = length(from_centre);
+    let radius_m = length(half_way);
+    let least_m = LEVEL * (distance_m + radius_m);
+    let lit_m = dot(abs(n), half_way) - dot(n, from_centre);
+    let is_two_sided = (light_nodes[node].flags & 2u) != 0u;
+    let ahead_m = dot(axis, from_centre);
+    let shining_m = select(ahead_m, abs(ahead_m), is_two_sided) + dot(abs(axis), half_way);
+    let cos_normals = light_nodes[node].cos_normals;
+    let faces_one_way = cos_normals >= 1.0;
+    if lit_m < -least_m || (faces_one_way && shining_m < -least_m) {
+        return 0.0;
+    }
+    let nearest_m = length(max(abs(from_centre) - half_way, vec3f(0.0)));
+    var to_point = axis;
+    if distance_m > 0.0 {
+        to_point = from_centre / distance_m;
+    }
     var sin_b = 0.0;
     var cos_b = -1.0;
-    if distance2 > radius2 {
-        let sin2 = radius2 / distance2;
-        sin_b = sqrt(sin2);
-        cos_b = sqrt(max(1.0 - sin2, 0.0));
+    if distance_m > radius_m {
+        sin_b = radius_m / distance_m;
+        cos_b = sin_of(sin_b);
     }
     var cos_w = dot(axis, to_point);
-    if (light_nodes[node].flags & 2u) != 0u {
+    if is_two_sided {
         cos_w = abs(cos_w);
     }
-    let cos_normals = light_nodes[node].cos_normals;
-    let cos_x = cos_of_difference(sin_of(cos_w), cos_w, sin_of(cos_normals), cos_normals);
-    let cos_emitted = cos_of_difference(sin_of(cos_x), cos_x, sin_b, cos_b);
+    if !faces_one_way {
+        cos_w = cos_of_difference(sin_of(cos_w), cos_w, sin_of(cos_normals), cos_normals);
+    }
+    var cos_emitted = cos_of_difference(sin_of(cos_w), cos_w, sin_b, cos_b);
     if cos_emitted <= light_nodes[node].cos_emission {
         return 0.0;
     }
+    if faces_one_way {
+        cos_emitted = at_most(cos_emitted, max(shining_m, least_m), nearest_m);
+    }
     let cos_i = -dot(to_point, n);
-    let cos_received = cos_of_difference(sin_of(cos_i), cos_i, sin_b, cos_b);
-    if cos_received <= 0.0 {
+    var cos_received = cos_of_difference(sin_of(cos_i), cos_i, sin_b, cos_b);
+    cos_received = at_most(cos_received, max(lit_m, least_m), nearest_m);
+    if cos_emitted <= 0.0 || cos_received <= 0.0 {
         return 0.0;
     }
-    let floored = max(max(distance2, radius2), LEAST_NORMAL);
-    return min(light_nodes[node].intensity * max(cos_emitted, 0.0) * cos_received / floored, IMPORTANCE_MAX);
+    let floored_m = max(distance_m, radius_m);
+    let floored = max(floored_m * floored_m, LEAST_NORMAL);
+    return min(light_nodes[node].intensity * cos_emitted * cos_received / floored, IMPORTANCE_MAX);
 }
 
 /// Chances of the two children of an inner node; below 0 where neither can reach the point.
@@ -109,6 +142,32 @@ fn child_chances(node: u32, p: vec3f, n: vec3f) -> vec2f {
     return vec2f(first, second) / sum;
 }
 
+/// `FEW` of `transport/light/tree.rs`.
+const FEW: u32 = 16u;
+
+/// True where so few lights lie below a node that all are compared.
+fn is_few(node: u32) -> bool {
+    return light_nodes[node].end - node < 2u * FEW;
+}
+
+/// Weight of a light beside few others, chosen by; 0 of what is no light.
+fn light_weight(node: u32, p: vec3f, n: vec3f) -> f32 {
+    if (light_nodes[node].flags & 1u) == 0u {
+        return 0.0;
+    }
+    let root = sqrt(importance(node, p, n));
+    return root * sqrt(root);
+}
+
+/// Weights of all lights below a node.
+fn light_weights(node: u32, p: vec3f, n: vec3f) -> f32 {
+    var sum = 0.0;
+    for (var at = node; at < light_nodes[node].end; at++) {
+        sum += light_weight(at, p, n);
+    }
+    return sum;
+}
+
 struct ChosenLight {
     light: u32,
     probability: f32,
@@ -119,7 +178,7 @@ fn choose_light(p: vec3f, n: vec3f, number: f32) -> ChosenLight {
     var u = number;
     var at = 0u;
     var probability = 1.0;
-    while (light_nodes[at].flags & 1u) == 0u {
+    while !is_few(at) {
         let chances = child_chances(at, p, n);
         if chances.x < 0.0 {
             return ChosenLight(0u, 0.0);
@@ -134,22 +193,31 @@ fn choose_light(p: vec3f, n: vec3f, number: f32) -> ChosenLight {
             at = light_nodes[at].next;
         }
     }
-    if at == 0u && !(importance(0u, p, n) > 0.0) {
-        return ChosenLight(0u, 0.0);
+    let sum = light_weights(at, p, n);
+    var left = u * sum;
+    var chosen = ChosenLight(0u, 0.0);
+    let end = light_nodes[at].end;
+    for (; at < end; at++) {
+        let weight = light_weight(at, p, n);
+        if weight > 0.0 {
+            // Rounding may leave something over after the last.
+            chosen = ChosenLight(light_nodes[at].next, probability * (weight / sum));
+            if left < weight {
+                break;
+            }
+            left -= weight;
+        }
     }
-    return ChosenLight(light_nodes[at].next, probability);
+    return chosen;
 }
 
 /// Probability with which [`choose_light`] returns a light.
 fn probability_of_light(p: vec3f, n: vec3f, light: u32) -> f32 {
-    if (light_nodes[0].flags & 1u) != 0u {
-        return select(0.0, 1.0, light_nodes[0].next == light && importance(0u, p, n) > 0.0);
-    }
     let trail_at = scene.trails_at + 2u * light;
     var trail = vec2u(tables[trail_at], tables[trail_at + 1u]);
     var at = 0u;
     var probability = 1.0;
-    while (light_nodes[at].flags & 1u) == 0u {
+    while !is_few(at) {
         let chances = child_chances(at, p, n);
         if chances.x < 0.0 {
             return 0.0;
@@ -163,7 +231,17 @@ fn probability_of_light(p: vec3f, n: vec3f, light: u32) -> f32 {
         }
         trail = vec2u((trail.x >> 1u) | (trail.y << 31u), trail.y >> 1u);
     }
-    return select(0.0, probability, light_nodes[at].next == light);
+    var own = 0.0;
+    var sum = 0.0;
+    let end = light_nodes[at].end;
+    for (; at < end; at++) {
+        let weight = light_weight(at, p, n);
+        sum += weight;
+        if light_nodes[at].next == light && weight > 0.0 {
+            own = weight;
+        }
+    }
+    return select(0.0, probability * (own / sum), own > 0.0);
 }
 
 fn infinite_count() -> u32 {

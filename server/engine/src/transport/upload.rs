@@ -252,10 +252,10 @@ pub struct GpuLightNode {
     pub cos_normals: f32,
     /// Cosine of the angle beyond an axis at which emission ends.
     pub cos_emission: f32,
+    /// One past the last node below this one.
+    pub end: u32,
     /// Nothing.
-    pub padding_0: u32,
-    /// Nothing.
-    pub padding_1: u32,
+    pub padding: u32,
 }
 
 /// What a scene calls for: steps are compiled without what it does not.

@@ -72,8 +72,8 @@ impl Lights {
                 intensity: node.bounds.intensity.min(f32::MAX),
                 cos_normals: node.bounds.cos_normals,
                 cos_emission: node.bounds.cos_emission,
-                padding_0: 0,
-                padding_1: 0,
+                end: node.end,
+                padding: 0,
             }
         });
         PackedLights {

@@ -247,18 +247,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
     assert_same_layout!(
         &source,
         "LightNode",
-        GpuLightNode {
-            low,
-            next,
-            high,
-            flags,
-            axis,
-            intensity,
-            cos_normals,
-            cos_emission,
-            padding_0,
-            padding_1
-        }
+        GpuLightNode { low, next, high, flags, axis, intensity, cos_normals, cos_emission, end, padding }
     );
     assert_same_layout!(
         &source,
