@@ -65,7 +65,7 @@ fn sin_of(cosine: f32) -> f32 {
 /// Largest number that importances are told apart by: sums of two stay floats.
 const IMPORTANCE_MAX: f32 = 1e38;
 
-/// `LEVEL` of `transport/light/tree.rs`.
+/// `LEVEL` of `transport/light/bounds.rs`.
 const LEVEL: f32 = 1e-3;
 
 /// A cosine to a box that reaches so far beyond a plane, `nearest_m` away at least.

@@ -3,6 +3,7 @@
 //! Emissive triangles, point and spot lights stand in one light tree; directional lights and the environment
 //! are chosen evenly beside it. Every density includes the choice of the light.
 
+mod bounds;
 mod change;
 mod environment;
 mod openings;
@@ -19,7 +20,7 @@ pub(in crate::transport) use self::environment::EnvironmentLight;
 pub use self::openings::Opening;
 pub(in crate::transport) use self::openings::Openings;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
-use self::tree::{LightBounds, LightTree};
+use self::{bounds::LightBounds, tree::LightTree};
 use crate::{
     accel::{Accel, Ray, SurfacePoint},
     math::{Rgb, warp},
