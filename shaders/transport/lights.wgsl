@@ -76,7 +76,7 @@ fn at_most(cosine: f32, reach_m: f32, nearest_m: f32) -> f32 {
     return cosine;
 }
 
-/// `LightBounds::importance`.
+/// `LightBounds::importance`; `n` is a surface's, never zero.
 fn importance(node: u32, p: vec3f, n: vec3f) -> f32 {
     let low = light_nodes[node].low;
     let high = light_nodes[node].high;
@@ -150,7 +150,7 @@ fn is_few(node: u32) -> bool {
     return light_nodes[node].end - node < 2u * FEW;
 }
 
-/// Weight of a light beside few others, chosen by; 0 of what is no light.
+/// What a light is chosen by beside few others, `tempered` of `transport/light/tree.rs`; 0 of inner nodes.
 fn light_weight(node: u32, p: vec3f, n: vec3f) -> f32 {
     if (light_nodes[node].flags & 1u) == 0u {
         return 0.0;
@@ -193,9 +193,12 @@ fn choose_light(p: vec3f, n: vec3f, number: f32) -> ChosenLight {
             at = light_nodes[at].next;
         }
     }
-    let sum = light_weights(at, p, n);
-    var left = u * sum;
     var chosen = ChosenLight(0u, 0.0);
+    let sum = light_weights(at, p, n);
+    if !(sum > 0.0) {
+        return chosen;
+    }
+    var left = u * sum;
     let end = light_nodes[at].end;
     for (; at < end; at++) {
         let weight = light_weight(at, p, n);

@@ -21,6 +21,8 @@ pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Opening, Source,
     SourceName, Sphere,
 };
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use light::{FEW, IMPORTANCE_MAX, LEVEL};
 pub(crate) use light::{LightsChange, change_of_lights};
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};

@@ -1,4 +1,4 @@
-//! What a light, or a group of them, can send to a point at most, about: the measure that the tree of lights goes by.
+//! What a light, or a group of them, may send to a point: the measure that the tree of lights goes by.
 
 use glam::Vec3;
 
@@ -19,10 +19,10 @@ pub(super) struct LightBounds {
 }
 
 /// Largest number that importances are told apart by: sums of two stay floats.
-const IMPORTANCE_MAX: f32 = 1e38;
-/// Share of the way to lights that they count as reaching beyond a plane unless they lie behind it by as much: what lies in one plane, as
-/// lamps in a ceiling do, is decided alike however numbers are rounded, and so are axes that are one to rounding.
-const LEVEL: f32 = 1e-3;
+pub(crate) const IMPORTANCE_MAX: f32 = 1e38;
+/// Lights count as reaching at least this share of the way to them beyond a plane, and are ruled out by it only as far behind it: of what has
+/// extent and lies in one plane, as lamps in a ceiling do, rounding decides nothing.
+pub(crate) const LEVEL: f32 = 1e-3;
 
 /// cos(max(0, a − b)) from the angles' sines and cosines.
 fn cos_of_difference(sin_a: f32, cos_a: f32, sin_b: f32, cos_b: f32) -> f32 {
@@ -39,7 +39,8 @@ impl LightBounds {
         (self.min + self.max) * 0.5
     }
 
-    /// Upper estimate of the contribution to point `p` whose surface faces `n` (zero vector: faces anywhere).
+    /// About what arrives at most at point `p` whose surface faces `n` (zero vector: faces anywhere): cosines are bounds, the distance is that
+    /// of the box's middle.
     ///
     /// Cosines are bounded by the sphere around the box and by how far the box reaches beyond the planes: the sphere of what is flat and
     /// close by reaches everywhere, and the back of a panel on a wall took nearly all samples from its edges, which light that wall.
@@ -88,7 +89,6 @@ impl LightBounds {
         if cos_emitted <= 0.0 || cos_received <= 0.0 {
             return 0.0;
         }
-        // A narrow cone's lights keep at least the importance of their weakest direction.
         let floored = distance_m.max(radius_m).powi(2).max(f32::MIN_POSITIVE);
         (self.intensity * cos_emitted * cos_received / floored).min(IMPORTANCE_MAX)
     }
@@ -123,11 +123,15 @@ impl LightBounds {
     }
 }
 
+/// Angle within which two axes count as opposite.
+const OPPOSITE: f32 = 2e-3;
+
 /// Smallest cone (axis, cosine of half angle) around two cones, or the whole sphere.
 fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
     let whole = (a.0, -1.0);
     let (theta_a, theta_b) = (a.1.clamp(-1.0, 1.0).acos(), b.1.clamp(-1.0, 1.0).acos());
-    let between = a.0.dot(b.0).clamp(-1.0, 1.0).acos();
+    // By the chord: the cosine of what is one axis to rounding may be 5e-4 away from it.
+    let between = 2.0 * ((a.0 - b.0).length() * 0.5).min(1.0).asin();
     if (between + theta_b).min(std::f32::consts::PI) <= theta_a {
         return a;
     }
@@ -135,7 +139,8 @@ fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
         return b;
     }
     let theta = (theta_a + between + theta_b) * 0.5;
-    if theta >= std::f32::consts::PI {
+    // Between opposite axes rounding says about what to turn.
+    if theta >= std::f32::consts::PI || between > std::f32::consts::PI - OPPOSITE {
         return whole;
     }
     let turn_axis = a.0.cross(b.0);
@@ -145,5 +150,35 @@ fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
             theta.cos(),
         ),
         None => whole,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{sobol::point, warp};
+
+    /// The cone around two holds both, whether their axes are opposite, equal to rounding or neither, and that of equal ones has no width.
+    #[test]
+    fn the_cone_around_two_holds_both() {
+        for i in 0..2000 {
+            let [x, y, z, w] = point(21, i);
+            let a = warp::sphere([x, y]);
+            let cos = [1.0, 0.999, 0.2][i as usize % 3];
+            let apart = [1.2e-7, 1e-4, 3e-3, 1.0][i as usize % 4] * warp::sphere([z, w]);
+            for b in [(a + apart).normalize(), (apart - a).normalize(), a] {
+                let (axis, cos_half) = cone_union((a, cos), (b, cos));
+                let half = cos_half.clamp(-1.0, 1.0).acos();
+                for inner in [a, b] {
+                    let farthest =
+                        axis.as_dvec3().dot(inner.as_dvec3()).clamp(-1.0, 1.0).acos() as f32 + cos.acos();
+                    assert!(
+                        half >= farthest.min(std::f32::consts::PI) - 2e-3,
+                        "{i}: {a} {b}: {half} {farthest}"
+                    );
+                }
+            }
+            assert_eq!(cone_union((a, cos), (a, cos)), (a, cos));
+        }
     }
 }

@@ -21,6 +21,11 @@ pub use self::openings::Opening;
 pub(in crate::transport) use self::openings::Openings;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::{bounds::LightBounds, tree::LightTree};
+#[cfg(all(test, feature = "gpu"))]
+pub(crate) use self::{
+    bounds::{IMPORTANCE_MAX, LEVEL},
+    tree::FEW,
+};
 use crate::{
     accel::{Accel, Ray, SurfacePoint},
     math::{Rgb, warp},

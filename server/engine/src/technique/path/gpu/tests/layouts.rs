@@ -30,7 +30,7 @@ use crate::{
         GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
         octree::GatherOnCard,
     },
-    transport::{GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
+    transport::{self, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
 };
 
 /// Planes lie in WGSL as in Rust.
@@ -456,6 +456,9 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
         ("INVERSE_PI", std::f32::consts::FRAC_1_PI),
         ("ONE_LESS", 1.0 - f32::EPSILON),
         ("LEAST_NORMAL", f32::MIN_POSITIVE),
+        ("LEVEL", transport::LEVEL),
+        ("IMPORTANCE_MAX", transport::IMPORTANCE_MAX),
+        ("FEW", transport::FEW as f32),
     ];
     for (name, value) in floats {
         assert_eq!(numbers[name], f64::from(value), "{name}");
