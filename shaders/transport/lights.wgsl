@@ -62,8 +62,8 @@ fn sin_of(cosine: f32) -> f32 {
     return sqrt(max(1.0 - cosine * cosine, 0.0));
 }
 
-/// Largest number that importances are told apart by: sums of two stay floats.
-const IMPORTANCE_MAX: f32 = 1e38;
+/// Largest number that importances are told apart by: sums of a few stay floats.
+const IMPORTANCE_MAX: f32 = 1e37;
 
 /// `LEVEL` of `transport/light/bounds.rs`.
 const LEVEL: f32 = 1e-3;
@@ -150,13 +150,12 @@ fn is_few(node: u32) -> bool {
     return light_nodes[node].end - node < 2u * FEW;
 }
 
-/// What a light is chosen by beside few others, `tempered` of `transport/light/tree.rs`; 0 of inner nodes.
+/// What a light is chosen by beside few others; 0 of inner nodes.
 fn light_weight(node: u32, p: vec3f, n: vec3f) -> f32 {
     if (light_nodes[node].flags & 1u) == 0u {
         return 0.0;
     }
-    let root = sqrt(importance(node, p, n));
-    return root * sqrt(root);
+    return importance(node, p, n);
 }
 
 /// Weights of all lights below a node.

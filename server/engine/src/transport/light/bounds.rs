@@ -18,8 +18,8 @@ pub(super) struct LightBounds {
     pub(super) two_sided: bool,
 }
 
-/// Largest number that importances are told apart by: sums of two stay floats.
-pub(crate) const IMPORTANCE_MAX: f32 = 1e38;
+/// Largest number that importances are told apart by: sums of a few stay floats.
+pub(crate) const IMPORTANCE_MAX: f32 = 1e37;
 /// Lights count as reaching at least this share of the way to them beyond a plane, and are ruled out by it only as far behind it: of what has
 /// extent and lies in one plane, as lamps in a ceiling do, rounding decides nothing.
 pub(crate) const LEVEL: f32 = 1e-3;
