@@ -205,7 +205,8 @@ fn corners_of_a_furnace_stay_even_with_shadows() {
 fn what_the_octree_does_not_know_is_lit_by_what_it_knows() {
     let (albedo, emission) = (0.6f32, 0.5f32);
     let before = Arc::new(World::prepare(Arc::new(samples::furnace(albedo, emission).unwrap())));
-    let known = known_by_octree(&before, 100_000);
+    // With fewer the octree itself is off by more than is allowed: 2.5 % over 100,000 samples with 100,000, 0.4 with these.
+    let known = known_by_octree(&before, 1_600_000);
     let mut stage = Stage::default();
     let even = Material {
         emission: Rgb::splat(emission),
