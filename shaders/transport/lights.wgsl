@@ -150,21 +150,36 @@ fn is_few(node: u32) -> bool {
     return light_nodes[node].end - node < 2u * FEW;
 }
 
-/// What a light is chosen by beside few others; 0 of inner nodes.
-fn light_weight(node: u32, p: vec3f, n: vec3f) -> f32 {
-    if (light_nodes[node].flags & 1u) == 0u {
-        return 0.0;
-    }
-    return importance(node, p, n);
+/// Lights of one place with the weights that a point chooses among them by.
+struct FewLights {
+    lights: array<u32, FEW>,
+    weights: array<f32, FEW>,
+    count: u32,
+    sum: f32,
 }
 
-/// Weights of all lights below a node.
-fn light_weights(node: u32, p: vec3f, n: vec3f) -> f32 {
-    var sum = 0.0;
-    for (var at = node; at < light_nodes[node].end; at++) {
-        sum += light_weight(at, p, n);
+/// `LightTree::few`.
+fn few_lights(node: u32, p: vec3f, n: vec3f) -> FewLights {
+    var few: FewLights;
+    var largest = 0.0;
+    let end = light_nodes[node].end;
+    for (var at = node; at < end; at++) {
+        if (light_nodes[at].flags & 1u) != 0u {
+            let weight = importance(at, p, n);
+            few.lights[few.count] = light_nodes[at].next;
+            few.weights[few.count] = weight;
+            few.count++;
+            largest = max(largest, weight);
+        }
     }
-    return sum;
+    if largest > 0.0 {
+        for (var i = 0u; i < few.count; i++) {
+            let root = sqrt(few.weights[i] / largest);
+            few.weights[i] = root * sqrt(root);
+            few.sum += few.weights[i];
+        }
+    }
+    return few;
 }
 
 struct ChosenLight {
@@ -193,17 +208,13 @@ fn choose_light(p: vec3f, n: vec3f, number: f32) -> ChosenLight {
         }
     }
     var chosen = ChosenLight(0u, 0.0);
-    let sum = light_weights(at, p, n);
-    if !(sum > 0.0) {
-        return chosen;
-    }
-    var left = u * sum;
-    let end = light_nodes[at].end;
-    for (; at < end; at++) {
-        let weight = light_weight(at, p, n);
+    let few = few_lights(at, p, n);
+    var left = u * few.sum;
+    for (var i = 0u; i < few.count; i++) {
+        let weight = few.weights[i];
         if weight > 0.0 {
             // Rounding may leave something over after the last.
-            chosen = ChosenLight(light_nodes[at].next, probability * (weight / sum));
+            chosen = ChosenLight(few.lights[i], probability * (weight / few.sum));
             if left < weight {
                 break;
             }
@@ -233,17 +244,13 @@ fn probability_of_light(p: vec3f, n: vec3f, light: u32) -> f32 {
         }
         trail = vec2u((trail.x >> 1u) | (trail.y << 31u), trail.y >> 1u);
     }
-    var own = 0.0;
-    var sum = 0.0;
-    let end = light_nodes[at].end;
-    for (; at < end; at++) {
-        let weight = light_weight(at, p, n);
-        sum += weight;
-        if light_nodes[at].next == light && weight > 0.0 {
-            own = weight;
+    let few = few_lights(at, p, n);
+    for (var i = 0u; i < few.count; i++) {
+        if few.lights[i] == light && few.weights[i] > 0.0 {
+            return probability * (few.weights[i] / few.sum);
         }
     }
-    return select(0.0, probability * (own / sum), own > 0.0);
+    return 0.0;
 }
 
 fn infinite_count() -> u32 {

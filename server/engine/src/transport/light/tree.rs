@@ -45,6 +45,13 @@ const WIDER_PLACE: f32 = 1e-6;
 /// twelve triangles.
 pub(crate) const FEW: usize = 16;
 
+/// Lights of one place with the weights that a point chooses among them by.
+struct Few {
+    weights: [(u32, f32); FEW],
+    count: usize,
+    sum: f32,
+}
+
 impl LightTree {
     /// A tree over `(light index, bounds)`; lights that send nothing are not part of it.
     pub(super) fn build(mut lights: Vec<(u32, LightBounds)>) -> LightTree {
@@ -100,16 +107,10 @@ impl LightTree {
                 at = self.nodes[at].next as usize;
             }
         }
-        let mut weights = [(0, 0.0); FEW];
-        let (mut sum, mut count) = (0.0, 0);
-        for (place, (light, weight)) in weights.iter_mut().zip(self.few(at, p, n)) {
-            *place = (light, weight);
-            sum += weight;
-            count += 1;
-        }
-        let mut left = u * sum;
+        let few = self.few(at, p, n);
+        let mut left = u * few.sum;
         let mut chosen = None;
-        for (light, weight) in weights.into_iter().take(count).filter(|(_, weight)| *weight > 0.0) {
+        for (light, weight) in few.weights.into_iter().take(few.count).filter(|(_, weight)| *weight > 0.0) {
             // Rounding may leave something over after the last.
             chosen = Some((light, weight));
             if left < weight {
@@ -118,7 +119,7 @@ impl LightTree {
             left -= weight;
         }
         let (light, weight) = chosen?;
-        let probability = probability * (weight / sum);
+        let probability = probability * (weight / few.sum);
         (probability > 0.0).then_some((light, probability))
     }
 
@@ -127,12 +128,29 @@ impl LightTree {
         (node.end as usize - at) < 2 * FEW
     }
 
-    /// The lights below a node, and their importances at `p`.
-    fn few(&self, at: usize, p: Vec3, n: Vec3) -> impl Iterator<Item = (u32, f32)> {
-        self.nodes[at..self.nodes[at].end as usize]
-            .iter()
-            .filter(|node| node.is_leaf)
-            .map(move |leaf| (leaf.next, leaf.bounds.importance(p, n)))
+    /// The few lights below a node, compared.
+    ///
+    /// Importance says nothing of shadows: where the light that is most important stands behind something, those that are weaker by it have
+    /// all the light and few of the samples. A power below one takes some from the first for them (a spot, a lamp and a panel: 4.2 % error of
+    /// direct light with 64 samples, 6.4 by importance itself). It is taken of ratios, so that twice the light is chosen by the same numbers.
+    fn few(&self, at: usize, p: Vec3, n: Vec3) -> Few {
+        let mut few = Few { weights: [(0, 0.0); FEW], count: 0, sum: 0.0 };
+        let mut largest = 0f32;
+        let leaves = self.nodes[at..self.nodes[at].end as usize].iter().filter(|node| node.is_leaf);
+        for (place, leaf) in few.weights.iter_mut().zip(leaves) {
+            let importance = leaf.bounds.importance(p, n);
+            *place = (leaf.next, importance);
+            largest = largest.max(importance);
+            few.count += 1;
+        }
+        if largest > 0.0 {
+            for (_, weight) in &mut few.weights[..few.count] {
+                let root = (*weight / largest).sqrt();
+                *weight = root * root.sqrt();
+                few.sum += *weight;
+            }
+        }
+        few
     }
 
     /// False when the ray passes by the boxes of all lights.
@@ -187,14 +205,9 @@ impl LightTree {
             at = if turn == 0 { at + 1 } else { self.nodes[at].next as usize };
             trail >>= 1;
         }
-        let (mut own, mut sum) = (0.0, 0.0);
-        for (other, weight) in self.few(at, p, n) {
-            sum += weight;
-            if other == light {
-                own = weight;
-            }
-        }
-        if own > 0.0 { probability * (own / sum) } else { 0.0 }
+        let few = self.few(at, p, n);
+        let own = few.weights[..few.count].iter().find(|(other, _)| *other == light);
+        own.filter(|(_, weight)| *weight > 0.0).map_or(0.0, |(_, weight)| probability * (weight / few.sum))
     }
 
     fn child_chances(&self, at: usize, p: Vec3, n: Vec3) -> Option<[f32; 2]> {
@@ -337,7 +350,8 @@ mod tests {
         }
     }
 
-    /// Lights are chosen by what they send to the point, however narrow their cone is and from however many sides they shine.
+    /// Lights are chosen by what they send to the point, however narrow their cone is and from however many sides they shine; sixteen times the
+    /// light has eight times the chance, whatever all of them are multiplied by.
     #[test]
     fn lights_are_chosen_by_what_they_send_to_the_point() {
         let spot = LightBounds {
@@ -352,9 +366,15 @@ mod tests {
         let point = LightBounds { cos_normals: -1.0, cos_emission: 0.0, ..spot };
         let lamp = LightBounds { cos_normals: 1.0, cos_emission: 0.0, ..spot };
         for other in [point, lamp, LightBounds { two_sided: true, ..lamp }] {
-            let tree = LightTree::build(vec![(0, spot), (1, LightBounds { intensity: 3.0, ..other })]);
-            let chances = [0, 1].map(|light| tree.probability(Vec3::ZERO, Vec3::Y, light));
-            assert!((chances[0] - 0.25).abs() < 1e-6 && (chances[1] - 0.75).abs() < 1e-6, "{chances:?}");
+            let chances = [1.0, 2f32.powi(100), 2f32.powi(-100)].map(|scale| {
+                let lights = [spot, other].map(|light| LightBounds { intensity: scale, ..light });
+                let brighter = LightBounds { intensity: 16.0 * scale, ..lights[1] };
+                let tree = LightTree::build(vec![(0, lights[0]), (1, brighter)]);
+                [0, 1].map(|light| tree.probability(Vec3::ZERO, Vec3::Y, light))
+            });
+            let [[first, second], ..] = chances;
+            assert!((first - 1.0 / 9.0).abs() < 1e-6 && (second - 8.0 / 9.0).abs() < 1e-6, "{chances:?}");
+            assert!(chances == [chances[0]; 3], "{chances:?}");
         }
     }
 
