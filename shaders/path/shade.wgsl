@@ -88,7 +88,7 @@ fn advance(slot: u32) -> bool {
         if is_drawn {
             draw = four(sampler, FROM_DIMENSION + path.bounce).xyz;
         }
-        known = scattered_light(surface, -path.direction, is_drawn, draw);
+        known = dimmed(scattered_light(surface, -path.direction, is_drawn, draw));
         let is_too_near = LOOKS_PAST && hit.t < NEAR_BLURS * known.blur_m;
         // Never where scatterings are bounded.
         let is_passed = known.is_missing && pass_header.bounces_end >= BOUNCES_END;
@@ -114,6 +114,15 @@ fn advance(slot: u32) -> bool {
     }
     let is_gathering = HAS_FOCUSED && gather_focused(slot, path, surface, is_beyond_near);
     return scatter(slot, &path, hit, surface, sampler, followed, passing, is_gathering);
+}
+
+/// `Dimmed` of `technique/products`.
+fn dimmed(light: ScatteredLight) -> ScatteredLight {
+    var known = light;
+    known.indirect *= pass_header.dimmed;
+    known.caustic *= pass_header.dimmed;
+    known.share *= pass_header.dimmed;
+    return known;
 }
 
 /// For the layer of albedo, and to take noise off.

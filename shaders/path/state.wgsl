@@ -28,11 +28,10 @@ struct PassHeader {
     brought: u32,
     /// The first sample for which what lies near shadows known light.
     shadowed_from: u32,
+    /// Known light is shown times so much.
+    dimmed: vec3f,
     /// `IS_ASKING`, `SHOWS_CAUSTICS`.
     focus: u32,
-    padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
 }
 
 struct Path {

@@ -11,7 +11,7 @@ use super::memory::CountedMemory;
 use super::{Snapshot, Workshop};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::render::{
-    Backend, IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage, ToLearn,
+    IlluminationSettings, Indirect, Learner, Learning, Learnt, RenderSettings, Stage, ToLearn,
 };
 use lumicast_engine::scene::{CameraView, SceneChange};
 use lumicast_engine::technique::{Edit, SecondaryLight};
@@ -444,20 +444,10 @@ impl Lighting {
 
     /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is
     /// path-traced until these are known.
-    pub(super) fn known(
-        &self,
-        key: LightKey,
-        indirect: Indirect,
-        backend: Backend,
-    ) -> Option<Arc<dyn SecondaryLight>> {
+    pub(super) fn known(&self, key: LightKey, indirect: Indirect) -> Option<Arc<dyn SecondaryLight>> {
         let learner = &self.lit.get(&key)?.learner;
         let is_wrong = indirect == Indirect::Auto && learner.knows_other_lights();
-        match backend {
-            _ if is_wrong => None,
-            Backend::Cpu => learner.known_by_now(),
-            // What a card was given stays there.
-            Backend::Gpu => learner.known().cloned(),
-        }
+        if is_wrong { None } else { learner.known_by_now() }
     }
 
     /// Counts up when what is known becomes that of another scene.

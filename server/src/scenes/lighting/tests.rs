@@ -119,9 +119,9 @@ fn what_others_learnt_is_kept_for_others() {
     assert!(lighting.take_over(key, learnt(), &workshop).is_none());
     assert!(lighting.generation(key) > 0);
     assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
-    let first = lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap();
+    let first = lighting.known(key, Indirect::Auto).unwrap();
     assert!(lighting.take_over(key, learnt(), &workshop).is_some(), "no better");
-    assert!(Arc::ptr_eq(&first, &lighting.known(key, Indirect::Auto, Backend::Cpu).unwrap()));
+    assert!(Arc::ptr_eq(&first, &lighting.known(key, Indirect::Auto).unwrap()));
     // Nobody gets it whose light is another, nor while somebody looks with it.
     assert!(lighting.hand_over(LightKey { bounces_max: Some(3), ..key }, &workshop).is_none());
     let left = lighting.lit.get_mut(&key).unwrap().left.take();

@@ -53,7 +53,7 @@ pub use step_clock::StepSeconds;
 
 use self::{
     handed::{Followed, GpuHandedPath},
-    known::LightBeside,
+    known::{LightBeside, undimmed},
     sample::{GpuPixelSample, copy_samples},
     tracing::{PathStart, SAMPLE_BYTES, Tracing},
 };
@@ -105,10 +105,8 @@ pub(super) struct GpuPassHeader {
     bounces_end: u32,
     brought: u32,
     shadowed_from: u32,
+    dimmed: [f32; 3],
     focus: u32,
-    padding_0: u32,
-    padding_1: u32,
-    padding_2: u32,
 }
 
 /// `Counters` in WGSL.
@@ -271,8 +269,8 @@ impl GpuPathTracer {
         let wanted = self.slice.min(pixel_count as u32 - first_pixel);
         let Running { begun, coming, counts, .. } = running;
         let Begun { header, focused, shadows, has_asked_maps, .. } = begun;
-        let light =
-            LightBeside { known: self.secondary.as_ref(), focused: focused.as_ref(), shadows: *shadows };
+        let (known, _) = undimmed(self.secondary.as_ref());
+        let light = LightBeside { known, focused: focused.as_ref(), shadows: *shadows };
         // What a card has counted of a sketch the CPU would have to count as well.
         let hands_over = focused.as_ref().is_none_or(|focused| !focused.is_sketch());
         let mut followed = Vec::new();
@@ -457,6 +455,7 @@ impl GpuPathTracer {
 
     fn header_of(&self, view: &View, film: &Film, pass: u32) -> GpuPassHeader {
         let seed_key = PixelSampler::seed_key(self.settings.seed);
+        let (_, dimmed) = undimmed(self.secondary.as_ref());
         GpuPassHeader {
             origin: view.origin.into(),
             half_width: view.half_size[0],
@@ -474,6 +473,7 @@ impl GpuPathTracer {
             traced: self.settings.traced.bits(),
             bounces_end: self.settings.bounces_max.unwrap_or(BOUNCES_END),
             shadowed_from: self.settings.shadowed_from(),
+            dimmed: dimmed.to_array(),
             focus: if self.settings.asks { IS_ASKING } else { 0 }
                 | if self.settings.shown.contains(PathClass::Caustic) { SHOWS_CAUSTICS } else { 0 },
             ..GpuPassHeader::zeroed()

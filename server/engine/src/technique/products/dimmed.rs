@@ -8,7 +8,7 @@ use super::{Card, FirstSight, Guide, LitFrom, ScatteredLight, ScreenLight, Secon
 use crate::{math::Rgb, transport::Surface};
 
 /// Light times the same everywhere, channel by channel: exact, since light is linear in its sources. For the moment until it is known of the
-/// scene as it is; a graphics card shows it as it was.
+/// scene as it is.
 #[derive(Debug)]
 pub struct Dimmed {
     light: Arc<dyn SecondaryLight>,
@@ -51,6 +51,10 @@ impl SecondaryLight for Dimmed {
     fn laid_out_for(self: Arc<Self>, view: &View) -> Option<Arc<dyn ScreenLight>> {
         let screen = Arc::clone(&self.light).laid_out_for(view)?;
         Some(Arc::new(DimmedScreen { screen, by: self.by }))
+    }
+
+    fn undimmed(&self) -> Option<(&Arc<dyn SecondaryLight>, Rgb)> {
+        Some((&self.light, self.by))
     }
 
     fn places(&self) -> Vec<Vec3> {

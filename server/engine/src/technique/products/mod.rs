@@ -131,6 +131,12 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
 
+    /// What it is a multiple of, channel by channel: that is what a graphics card is given, and shows times as much. `None` of what is light
+    /// of its own.
+    fn undimmed(&self) -> Option<(&Arc<dyn SecondaryLight>, Rgb)> {
+        None
+    }
+
     /// Light in cells for look-ups on a graphics card; `None` of what has none, or cannot be looked up there.
     fn packed(&self) -> Option<PackedLight> {
         None

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::{
     BOUNCES_END, GpuPassHeader, GpuScene, PathSettings, PathTracer, View, handed,
-    known::LightBeside,
+    known::{LightBeside, undimmed},
     primary_ray,
     slices::Slices,
     tracing::{PathStart, RAY_SAMPLE_BYTES},
@@ -158,16 +158,18 @@ impl GpuGatherer {
         let rays: Vec<GpuGatherRay> = rays.par_iter().map(GpuGatherRay::new).collect();
         let settings = &tracer.settings;
         let brought = settings.shown.without(PathClass::Emitted);
+        let (known, dimmed) = undimmed(tracer.secondary.as_ref());
         let header = GpuPassHeader {
             path_count: rays.len() as u32,
             traced: settings.traced.bits(),
             brought: brought.bits(),
             bounces_end: settings.bounces_max.unwrap_or(BOUNCES_END),
+            dimmed: dimmed.to_array(),
             ..GpuPassHeader::zeroed()
         };
         // In powers of two, so that a few more rays than before do not need other places.
         let room = rays.len().next_power_of_two();
-        let light = LightBeside { known: tracer.secondary.as_ref(), ..LightBeside::default() };
+        let light = LightBeside { known, ..LightBeside::default() };
         // Not with a lock held: a thread that waits here for others may begin to gather for other points.
         let arrived = |bytes: &[u8]| -> Vec<Arrived> {
             let samples = bytes.par_chunks_exact(RAY_SAMPLE_BYTES as usize);

@@ -11,6 +11,7 @@ use super::{
 
 use crate::{
     gpu::{BindGroup, Binding, Buffer, GpuError, Layout, Session},
+    math::Rgb,
     technique::{
         FocusedLight, GpuOctreeHeader, PackedFocused, PackedLight, PackedPhotons, PackedRecords,
         SecondaryLight,
@@ -86,6 +87,14 @@ impl<'a> LightBeside<'a> {
     /// The focused light, where it is a sketch.
     pub(super) fn sketch(self) -> Option<&'a Arc<dyn FocusedLight>> {
         self.focused.filter(|focused| focused.is_sketch())
+    }
+}
+
+/// What of some light is brought to a card, and what it is shown times there: a lamp that is dimmed needs no other light there.
+pub(super) fn undimmed(known: Option<&Arc<dyn SecondaryLight>>) -> (Option<&Arc<dyn SecondaryLight>>, Rgb) {
+    match known.and_then(|known| known.undimmed()) {
+        Some((light, by)) => (Some(light), by),
+        None => (known, Rgb::WHITE),
     }
 }
 

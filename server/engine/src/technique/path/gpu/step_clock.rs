@@ -7,7 +7,7 @@ use std::ops::AddAssign;
 
 use super::{
     Film, GpuPassHeader, GpuPathTracer, View,
-    known::LightBeside,
+    known::{LightBeside, undimmed},
     shadow_maps::Shadows,
     tracing::{PathStart, Tracing, workgroups_of},
 };
@@ -60,7 +60,8 @@ impl GpuPathTracer {
     ) -> Result<Option<StepSeconds>, GpuError> {
         let header = self.header_of(view, &Film::new(size), 0);
         let pixel_count = size.pixel_count() as u32;
-        let light = LightBeside { known: self.secondary.as_ref(), focused: None, shadows };
+        let (known, _) = undimmed(self.secondary.as_ref());
+        let light = LightBeside { known, focused: None, shadows };
         self.scene.trace_with(PathStart::Pixels, size.pixel_count(), light, |tracing| {
             let capacity = tracing.capacity();
             let mut seconds = StepSeconds::default();

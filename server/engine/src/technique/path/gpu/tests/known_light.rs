@@ -6,7 +6,10 @@ use super::*;
 use crate::{
     render::{Illumination, IlluminationSettings, RenderSettings},
     scene::samples,
-    technique::irradiance::{IrradianceCaching, IrradianceSettings, Visits},
+    technique::{
+        Dimmed,
+        irradiance::{IrradianceCaching, IrradianceSettings, Visits},
+    },
 };
 
 /// Both look up the same packed lights: only sums of theirs round differently.
@@ -140,6 +143,32 @@ fn asking_begins_and_ends_on_a_card() {
     let indirect: Vec<Rgb> =
         asked.iter().map(|sample| sample.radiance[PathClass::Indirect as usize]).collect();
     assert_eq!(film.layer(PathClass::Indirect), indirect);
+}
+
+/// A card shows light dimmed as the CPU does, of cells and of records, by what it shows undimmed.
+#[test]
+fn dimmed_light_needs_no_other_light_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    let by = Rgb::new(0.25, 3.0, 0.0);
+    for (name, asking) in [
+        ("balls", with_known(balls().finish(), None)),
+        ("records", with_records(samples::boxes().unwrap(), SOME_STEPS, true)),
+    ] {
+        let dimmed =
+            Shot { known: asking.known.clone().map(|known| Dimmed::by(by, known)), ..asking.clone() };
+        let scene = Arc::new(GpuScene::new(gpu.clone(), Arc::clone(&asking.world)));
+        let card = dimmed.on_card(&scene, SHADOWED_PASS);
+        let (cpu, blurred) = (dimmed.on_cpu(SHADOWED_PASS), dimmed.on_cpu_as(SHADOWED_PASS, Near::Blurred));
+        assert!(looked_up_alike(name, &cpu, &card, &blurred).looked_up > cpu.samples.len() / 3);
+        let bright = asking.on_card(&scene, SHADOWED_PASS);
+        let sum = |pass: &Pass| {
+            pass.samples
+                .iter()
+                .fold(Rgb::BLACK, |sum, sample| sum + sample.radiance[PathClass::Indirect as usize])
+        };
+        let (is, was) = (sum(&card), sum(&bright));
+        assert!(is.r < 0.5 * was.r && is.g > 2.0 * was.g && is.b < 0.5 * was.b, "{name}: {is:?} of {was:?}");
+    }
 }
 
 /// Records of what the shot's camera sees, all or as many as come of `steps`.

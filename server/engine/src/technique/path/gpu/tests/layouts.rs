@@ -316,10 +316,8 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             bounces_end,
             brought,
             shadowed_from,
+            dimmed,
             focus,
-            padding_0,
-            padding_1,
-            padding_2,
         }
     );
     assert_same_layout!(
