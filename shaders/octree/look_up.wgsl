@@ -45,8 +45,9 @@ struct LightSet {
     blur_m: f32,
     /// How widely photons of indirect light lie around their lights, of even light.
     evenness: f32,
-    /// 1: nothing stands near that could hide its light.
-    is_alone: u32,
+    /// Bit 0: nothing stands near that could hide its light. The second and third byte: what a coat reflects by the spread of photons around
+    /// their lights, of indirect light and of caustics, in 255ths.
+    flags: u32,
     /// A plane, beyond which it counts for next to nothing.
     wall: vec4f,
 }
@@ -174,20 +175,41 @@ fn arriving_cos(cos_light: f32, soft: f32) -> f32 {
     return soft / sqrt(max(1.0 - cos_light * cos_light, ALONG_MIN) + soft * soft);
 }
 
-/// What the diffuse lobe sends to the eye of the lights `first..end`.
-fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, first: u32, end: u32, reach: f32) -> vec3f {
+/// Lights of one class of a group.
+struct LightsOfSet {
+    first: u32,
+    end: u32,
+    reach: f32,
+    /// `RiseOfSpread`.
+    spread: f32,
+}
+
+fn indirect_lights(place: u32) -> LightsOfSet {
+    let leaf_set = light_sets[place];
+    let spread = f32((leaf_set.flags >> 8u) & 255u) / 255.0;
+    return LightsOfSet(leaf_set.first_vdl, leaf_set.first_caustic_vdl, leaf_set.reach, spread);
+}
+
+fn caustic_lights(place: u32) -> LightsOfSet {
+    let leaf_set = light_sets[place];
+    let spread = f32((leaf_set.flags >> 16u) & 255u) / 255.0;
+    return LightsOfSet(leaf_set.first_caustic_vdl, leaf_set.end_vdl, leaf_set.caustic_reach, spread);
+}
+
+/// What the diffuse lobe sends to the eye of some lights.
+fn response(surface: Surface, wo_local: vec3f, n_shade: vec3f, of_set: LightsOfSet) -> vec3f {
     var sum = vec3f(0.0);
     let base = coated_base(surface.bsdf, wo_local);
     let has_base = has_coated_base(surface.bsdf);
-    for (var index = first; index < end; index++) {
+    for (var index = of_set.first; index < of_set.end; index++) {
         let direction = octahedral_decode(vdls[index].x);
         let scaled = vdl_irradiance(vdls[index].y);
         let cos_light = dot(n_shade, direction);
-        let cosine = softened(cos_light, reach);
+        let cosine = softened(cos_light, of_set.reach);
         if has_base {
             var share = cosine;
             if base.rise > 0.0 {
-                share *= passing(base, arriving_cos(cos_light, cosine));
+                share *= max(passing(base, arriving_cos(cos_light, cosine)) - base.rise * of_set.spread, 0.0);
             }
             sum += base.scale * scaled * share;
             continue;
@@ -304,19 +326,14 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         weight *= like.share * select(1.0, behind_share, dot(wall.xyz, p) > wall.w);
         total += weight;
         blurs_m += light_sets[like.index].blur_m * weight;
-        let first = light_sets[like.index].first_vdl;
-        let first_caustic = light_sets[like.index].first_caustic_vdl;
-        let end = light_sets[like.index].end_vdl;
-        let reach = light_sets[like.index].reach;
-        light.indirect += response(surface, wo_local, n_shade, first, first_caustic, reach) * weight;
-        is_alone = is_alone && light_sets[like.index].is_alone == 1u;
+        light.indirect += response(surface, wo_local, n_shade, indirect_lights(like.index)) * weight;
+        is_alone = is_alone && (light_sets[like.index].flags & 1u) == 1u;
         found[count] = like.index;
         weights[count] = weight;
         count += 1u;
         // What photons bring takes the place of these.
-        if !HAS_FOCUSED && first_caustic < end {
-            let caustic_reach = light_sets[like.index].caustic_reach;
-            light.caustic += response(surface, wo_local, n_shade, first_caustic, end, caustic_reach) * weight;
+        if !HAS_FOCUSED {
+            light.caustic += response(surface, wo_local, n_shade, caustic_lights(like.index)) * weight;
         }
     }
     if total > 0.0 {
@@ -339,11 +356,13 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         }
     }
     if drawn.leaf_set != NO_CELL {
-        let reach = light_sets[drawn.leaf_set].reach;
+        var one = indirect_lights(drawn.leaf_set);
         let direction = octahedral_decode(vdls[drawn.index].x);
-        let one = max_component(vdl_irradiance(vdls[drawn.index].y)) * softened(dot(n_shade, direction), reach);
-        let per_chance = min(drawn.sum / one, PER_CHANCE_MAX) / total;
-        light.share = response(surface, wo_local, n_shade, drawn.index, drawn.index + 1u, reach) * per_chance;
+        let brought = max_component(vdl_irradiance(vdls[drawn.index].y)) * softened(dot(n_shade, direction), one.reach);
+        let per_chance = min(drawn.sum / brought, PER_CHANCE_MAX) / total;
+        one.first = drawn.index;
+        one.end = drawn.index + 1u;
+        light.share = response(surface, wo_local, n_shade, one) * per_chance;
         light.lit_from = direction_of(drawn, n_facing, draw.yz);
         light.lost_m = min(octree.lost_blurs * light.blur_m, octree.lost_max_m * max_component(scale));
     }

@@ -1,6 +1,7 @@
 //! What octrees show: in furnaces, beside walls, between sheets, on wide ground.
 
 use super::*;
+use crate::technique::SecondaryLight;
 
 /// In a closed box that emits E and reflects ρ the light that comes by way of other walls is π (E/(1−ρ) − E) everywhere:
 /// within 1 % away from edges, within 3 % at edges and corners.
@@ -50,6 +51,40 @@ fn the_octree_of_a_furnace_is_even() {
             inner.iter().chain(&border).chain(&corners).fold(0.0f32, |worst, off| worst.max(off.abs()));
         assert!(worst < 0.3, "ρ {albedo}: {worst}");
         assert!(off[0].abs() < 0.01 && off[1].abs() < 0.03 && off[2].abs() < 0.03, "ρ {albedo}: {off:?}");
+    }
+}
+
+/// A coat lets through of even light what it lets through of it on average, though lights are few and stand for photons from all around.
+#[test]
+fn coats_let_their_share_of_even_light_through() {
+    let world = world_of(samples::furnace(0.8, 0.25).unwrap());
+    let mut stage = Building::default();
+    let plastic = stage.material("plastic", Material { double_sided: true, ..Material::default() }).unwrap();
+    stage.place("box", samples::cuboid(-DVec3::ONE, DVec3::ONE, &plastic), DAffine3::IDENTITY).unwrap();
+    let coated = world_of(stage.finish());
+    for vdl_count in [1, 4, 8] {
+        let mut furnace = settings(400_000, 4);
+        furnace.octree = furnace.octree.gathering(NonZeroUsize::new(300).unwrap());
+        furnace.octree.vdl_count = NonZeroUsize::new(vdl_count).unwrap();
+        let light = Caches::complete(furnace, &world);
+        let octree = light.octree.octree().unwrap();
+        let [mut found, mut expected] = [0.0; 2];
+        for i in 0..4000 {
+            let [x, y, z, w] = crate::math::sobol::point(3, i);
+            let ray = crate::accel::Ray::new(
+                Vec3::new(x, y, z) - 0.5,
+                crate::math::warp::sphere([w, (x * 7.0).fract()]),
+            );
+            let surface = coated.surface(&coated.closest_hit(&ray).unwrap(), ray.direction);
+            let (wo, p, n) = (-ray.direction, surface.point.position, surface.point.n_geo);
+            let (n, wo_local) = (n * n.dot(wo).signum(), surface.frame.to_local(wo));
+            let even = surface.bsdf.diffuse_of_even_light(wo_local.with_z(wo_local.z.abs()));
+            expected += (even * octree.irradiance(p, n)[0]).mean();
+            found += octree.scattered(&surface, wo, None).indirect.mean();
+        }
+        let off = found / expected - 1.0;
+        eprintln!("{vdl_count} lights let {off:+.4} more through");
+        assert!(off.abs() < 0.004, "{vdl_count} lights: {off}");
     }
 }
 

@@ -11,7 +11,7 @@ use super::{
     cube::Cube,
     gathers::{Gathers, LOOK_CELLS, key_of},
     harmonics::Harmonics,
-    lights::{self, ShadedVdl, Softness},
+    lights::{self, RiseOfSpread, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
     tree::Nodes,
     voxels::{Expected, VoxelSet, Voxels},
@@ -409,11 +409,14 @@ impl Building {
                 first
             });
             let chord_rms = light.spread.map(|spread| spread.chord_rms);
+            let rise = light.spread.map(|spread| spread.rise);
             let softness = chord_rms.map(Softness::of);
             let first_block = shaded.len() as u32;
+            let mut spread = [RiseOfSpread::default(); 2];
             for (class, end) in [(0, first[1] as usize), (1, vdls.len())] {
                 let of_class = vdls[first[class] as usize..end].iter();
                 let ready = of_class.map(|vdl| ShadedVdl::of(vdl, set.normal, softness[class]));
+                spread[class] = RiseOfSpread::of(rise[class], ready.clone(), set.normal, softness[class]);
                 lights::push(&mut shaded, ready);
             }
             let place = walls.len() as u32;
@@ -426,12 +429,14 @@ impl Building {
                 softness,
                 blur_m: light.radius_m[0],
                 is_alone: light.is_alone,
+                spread,
                 wall,
             });
             gathers.push(LeafGather {
                 radius_m: light.radius_m,
                 reach_m: light.reach_m,
                 chord_rms,
+                rise,
                 walls: light.walls.map(|_| place),
             });
         }
@@ -467,7 +472,11 @@ impl LightOctree {
             harmonics: self.harmonics.get(set).copied(),
             radius_m: gather.radius_m,
             reach_m: gather.reach_m,
-            spread: gather.chord_rms.map(|chord_rms| Spread { chord_rms, ..Spread::default() }),
+            spread: [0, 1].map(|class| Spread {
+                chord_rms: gather.chord_rms[class],
+                rise: gather.rise[class],
+                ..Spread::default()
+            }),
             is_alone: leaf.is_alone,
             walls: gather.walls.map(|place| self.walls[place as usize]),
         }

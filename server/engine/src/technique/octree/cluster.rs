@@ -14,6 +14,7 @@ use super::harmonics::COSINE_MIN;
 use crate::{
     math::{Rgb, sobol::mix},
     technique::GatheredPhoton,
+    transport::schlick_rise,
 };
 
 /// Most lights of one leaf.
@@ -50,6 +51,8 @@ pub(super) struct Spread {
     /// Root mean square chord between a photon's direction and its light's, 0 to 2; weighted by the luminance that each brings to what
     /// faces it.
     pub(super) chord_rms: f32,
+    /// Mean of [`schlick_rise`] over the luminance that photons bring, 0 to 1: what a coat reflects of them.
+    pub(super) rise: f32,
     /// Photons left out because their direction is not a unit vector or their irradiance not a finite positive number.
     pub(super) dropped_count: u32,
 }
@@ -88,12 +91,13 @@ impl Clustering {
         let dropped_count = self.photons.fill(photons, n_set);
         let weight = self.photons.weight();
         if weight == 0.0 {
-            return Spread { chord_rms: 0.0, dropped_count };
+            return Spread { dropped_count, ..Spread::default() };
         }
         self.seed(count_max.clamp(1, VDL_COUNT_MAX), key, weight);
         self.refine();
         let squared_chords = self.photons.emit(&self.centres, vdls);
-        Spread { chord_rms: (squared_chords / f64::from(weight)).sqrt() as f32, dropped_count }
+        let chord_rms = (squared_chords / f64::from(weight)).sqrt() as f32;
+        Spread { chord_rms, rise: self.photons.rise, dropped_count }
     }
 
     /// The first centres, as k-means++ picks them [Arthur2007]: photons, with a chance in proportion to weight times
@@ -220,6 +224,8 @@ struct Photons {
     blocks: Vec<Block>,
     /// `[n]`, without the filling.
     irradiance: Vec<Rgb>,
+    /// See [`Spread::rise`].
+    rise: f32,
 }
 
 impl Photons {
@@ -228,6 +234,7 @@ impl Photons {
         self.blocks.clear();
         self.irradiance.clear();
         let (mut dropped_count, mut brightest) = (0, 0f32);
+        let [mut rise, mut sum] = [0f64; 2];
         for photon in photons {
             if !photon.is_sound() {
                 dropped_count += 1;
@@ -235,12 +242,16 @@ impl Photons {
             }
             let luminance = photon.irradiance.luminance();
             if luminance > 0.0 {
-                let weight = (luminance / n_set.dot(photon.direction).max(COSINE_MIN)).min(f32::MAX);
+                let cos = n_set.dot(photon.direction);
+                let weight = (luminance / cos.max(COSINE_MIN)).min(f32::MAX);
+                rise += f64::from(luminance.min(f32::MAX)) * f64::from(schlick_rise(cos));
+                sum += f64::from(luminance.min(f32::MAX));
                 brightest = brightest.max(weight);
                 self.push(photon, weight);
             }
         }
         // Weights of order one neither overflow nor vanish in their sums, whatever the unit of power.
+        self.rise = if sum > 0.0 { (rise / sum) as f32 } else { 0.0 };
         let factor = 1.0 / brightest.max(f32::MIN_POSITIVE);
         self.blocks.iter_mut().for_each(|block| block.scale(factor));
         dropped_count

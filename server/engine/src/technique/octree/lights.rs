@@ -4,7 +4,10 @@
 use glam::{Vec3, Vec4};
 
 use super::{PackedVdl, Vdl};
-use crate::{math::Rgb, transport::CoatedBase};
+use crate::{
+    math::Rgb,
+    transport::{CoatedBase, schlick_rise},
+};
 
 /// Lights to a block: a register of numbers.
 const LANES: usize = 4;
@@ -116,6 +119,7 @@ pub(super) struct Lights<'a> {
     pub(super) blocks: &'a [LightBlock],
     pub(super) count: usize,
     pub(super) softness: Softness,
+    pub(super) spread: RiseOfSpread,
 }
 
 impl<'a> Lights<'a> {
@@ -157,11 +161,44 @@ impl<'a> Lights<'a> {
         for block in self.blocks {
             let cosines = block.cosines(n);
             let soft = self.softness.cosines(cosines);
-            let passing = base.passing_of(arriving_cosines(cosines, soft));
+            let passing = base.four_passing_around(arriving_cosines(cosines, soft), self.spread.get());
             for (sum, scaled) in sum.0.iter_mut().zip(block.scaled) {
                 *sum += scaled * (soft * passing * weight);
             }
         }
+    }
+}
+
+/// What a coat reflects of photons, on average, beyond what it would if all came from their lights: [`schlick_rise`] grows so fast towards the
+/// horizon that the mean direction of many tells little of its mean. Without it even light, of which a coat reflects F₀ + (1 − F₀) / 21, came
+/// through whole: rooms of plastic were 3 to 5 % too bright with every scattering. In 255ths.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct RiseOfSpread(pub(super) u8);
+
+impl RiseOfSpread {
+    /// Of lights that stand for photons with a mean rise of `rise`, on their own surface.
+    pub(super) fn of(
+        rise: f32,
+        lights: impl Iterator<Item = ShadedVdl>,
+        n_set: Vec3,
+        softness: Softness,
+    ) -> RiseOfSpread {
+        let [mut of_lights, mut sum] = [0f64; 2];
+        for vdl in lights {
+            let cos_light = n_set.dot(vdl.direction);
+            let soft = softness.cos(cos_light);
+            let brought = f64::from((vdl.scaled.luminance() * soft).min(f32::MAX));
+            of_lights += brought * f64::from(schlick_rise(arriving_cos(cos_light, soft)));
+            sum += brought;
+        }
+        let more = if sum > 0.0 { f64::from(rise) - of_lights / sum } else { 0.0 };
+        // What is below 0 is the lights' own error, as of one that is nearer to the horizon than its photons.
+        RiseOfSpread((255.0 * more).round().clamp(0.0, 255.0) as u8)
+    }
+
+    #[inline]
+    pub(super) fn get(self) -> f32 {
+        f32::from(self.0) * (1.0 / 255.0)
     }
 }
 
@@ -273,7 +310,12 @@ mod tests {
             let mut first = 1;
             for (class, pushed) in pushed.iter().enumerate() {
                 let end = first + blocks_of(counts[class]) as usize;
-                let lights = Lights { blocks: &blocks[first..end], count: pushed.len(), softness };
+                let lights = Lights {
+                    blocks: &blocks[first..end],
+                    count: pushed.len(),
+                    softness,
+                    spread: RiseOfSpread(30),
+                };
                 first = end;
                 assert_eq!(&lights.iter().collect::<Vec<_>>(), pushed, "{counts:?}");
                 let cos = |vdl: &ShadedVdl| softness.cos(n.dot(vdl.direction));
@@ -283,8 +325,10 @@ mod tests {
                 let off = (irradiance.total() - expected).to_array().map(f32::abs);
                 assert!(off.iter().all(|off| *off <= 1e-5), "{counts:?}: {irradiance:?} for {expected:?}");
                 let base = CoatedBase { scale: Rgb::WHITE, rise: 0.9 };
-                let passing =
-                    |vdl: &ShadedVdl| cos(vdl) * base.passing(arriving_cos(n.dot(vdl.direction), cos(vdl)));
+                let passing = |vdl: &ShadedVdl| {
+                    let arriving = arriving_cos(n.dot(vdl.direction), cos(vdl));
+                    cos(vdl) * (base.passing(arriving) - 0.9 * 30.0 / 255.0).max(0.0)
+                };
                 let expected =
                     pushed.iter().fold(Rgb::BLACK, |sum, vdl| sum + vdl.scaled * passing(vdl) * 0.7);
                 let mut irradiance = Irradiance::default();

@@ -6,7 +6,7 @@ use glam::{IVec3, Vec3};
 use super::{
     CARD, Harmonics, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN,
     drawing::{DrawnLight, direction_of, evenness_of},
-    lights::{Irradiance, Lights, ShadedVdl, Softness, arriving_cos, blocks_of},
+    lights::{Irradiance, Lights, ShadedVdl, arriving_cos, blocks_of},
     voxels::across_m,
 };
 use crate::{
@@ -55,7 +55,12 @@ impl LightOctree {
         let counts = [set.first_vdl[1] - set.first_vdl[0], set.end_vdl - set.first_vdl[1]];
         let first = set.first_block + if class == 0 { 0 } else { blocks_of(counts[0]) };
         let blocks = &self.shaded[first as usize..(first + blocks_of(counts[class])) as usize];
-        Lights { blocks, count: counts[class] as usize, softness: set.softness[class] }
+        Lights {
+            blocks,
+            count: counts[class] as usize,
+            softness: set.softness[class],
+            spread: set.spread[class],
+        }
     }
 
     /// The groups around `p` that face like `n`.
@@ -252,7 +257,7 @@ impl LightOctree {
         let direction = direction_of(directions, light.direction, evenness, n_facing, [u, v]);
         let cos = lights.softness.cos(shading.n_shade.dot(light.direction));
         let per_chance = (drawn.sum / (light.scaled.max_component() * cos)).min(PER_CHANCE_MAX);
-        let share = shading.response_of(&light, lights.softness) * per_chance;
+        let share = shading.response_of(&light, &lights) * per_chance;
         Some(LitFrom { direction, share, lost_m })
     }
 }
@@ -282,15 +287,16 @@ impl Shading<'_> {
     /// What the diffuse lobe sends to the eye of some lights. They are known by what they bring to their group's normal; a
     /// surface that leans towards a light more than the group gets more of it.
     fn response(&self, lights: Lights<'_>) -> Rgb {
-        lights.iter().fold(Rgb::BLACK, |sum, vdl| sum + self.response_of(&vdl, lights.softness))
+        lights.iter().fold(Rgb::BLACK, |sum, vdl| sum + self.response_of(&vdl, &lights))
     }
 
     /// The same of one of them.
-    fn response_of(&self, vdl: &ShadedVdl, softness: Softness) -> Rgb {
+    fn response_of(&self, vdl: &ShadedVdl, Lights { softness, spread, .. }: &Lights<'_>) -> Rgb {
         let cos_light = self.n_shade.dot(vdl.direction);
         let cos = softness.cos(cos_light);
         if let Some(base) = &self.base {
-            return base.scale * vdl.scaled * (cos * base.passing(arriving_cos(cos_light, cos)));
+            let passing = base.passing_around(arriving_cos(cos_light, cos), spread.get());
+            return base.scale * vdl.scaled * (cos * passing);
         }
         if !(cos > 0.0) {
             return Rgb::BLACK;

@@ -49,7 +49,7 @@ pub use self::{
 use self::{
     build::Building,
     cluster::Spread,
-    lights::{LightBlock, Softness},
+    lights::{LightBlock, RiseOfSpread, Softness},
     parting::{NearWalls, Parting},
     tree::Nodes,
     voxels::Voxels,
@@ -184,6 +184,8 @@ struct LeafSet {
     blur_m: f32,
     /// It is one flat sheet with nothing around it: its light needs no shadows.
     is_alone: bool,
+    /// By class.
+    spread: [RiseOfSpread; 2],
     /// Keeps it from groups with other light: beyond it counts for next to nothing.
     wall: Parting,
 }
@@ -199,6 +201,8 @@ struct LeafGather {
     reach_m: [f32; 2],
     /// By class.
     chord_rms: [f32; 2],
+    /// By class, see [`Spread::rise`].
+    rise: [f32; 2],
     /// Place of the walls around it in [`LightOctree::walls`].
     walls: Option<u32>,
 }

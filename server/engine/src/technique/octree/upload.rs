@@ -29,7 +29,7 @@ impl LightOctree {
             caustic_reach: set.softness[1].reach,
             blur_m: set.blur_m,
             evenness: self.evenness_of(place),
-            is_alone: u32::from(set.is_alone),
+            flags: u32::from_le_bytes([u8::from(set.is_alone), set.spread[0].0, set.spread[1].0, 0]),
             wall: set.wall.0.into(),
         });
         let places = (0..self.sets.len()).flat_map(|set| [(set, 0), (set, 1)]);

@@ -66,8 +66,9 @@ pub struct GpuLightSet {
     pub blur_m: f32,
     /// How widely photons of indirect light lie around their lights, of even light.
     pub evenness: f32,
-    /// 1: nothing stands near that could hide its light.
-    pub is_alone: u32,
+    /// Bit 0: nothing stands near that could hide its light. The second and third byte: what a coat reflects by the spread of photons
+    /// around their lights, of indirect light and of caustics, in 255ths.
+    pub flags: u32,
     /// A plane, beyond which it counts for next to nothing: direction, distance of the plane from the origin along it, m.
     pub wall: [f32; 4],
 }

@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::{BsdfSample, BsdfValue, CoatedBase, LobeValue, SMOOTH_ALPHA, ggx::Ggx};
+use super::{BsdfSample, BsdfValue, CoatedBase, LobeValue, SMOOTH_ALPHA, ggx::Ggx, schlick_rise};
 use crate::{
     math::{Rgb, warp},
     transport::Scatter,
@@ -80,13 +80,13 @@ impl Gltf {
 
     /// Fresnel reflectance of the dielectric at `cos`.
     fn dielectric(&self, cos: f32) -> Rgb {
-        let rise = (1.0 - cos.clamp(0.0, 1.0)).powi(5);
+        let rise = schlick_rise(cos);
         self.dielectric_f0.map(|f0| f0 + (self.dielectric_f90 - f0).max(0.0) * rise)
     }
 
     /// Fresnel reflectance of the whole surface at `cos`.
     fn reflected(&self, cos: f32) -> Rgb {
-        let rise = (1.0 - cos.clamp(0.0, 1.0)).powi(5);
+        let rise = schlick_rise(cos);
         let metal = self.metal_f0.map(|f0| f0 + (1.0 - f0) * rise);
         self.dielectric(cos) * (1.0 - self.metallic) + metal * self.metallic
     }

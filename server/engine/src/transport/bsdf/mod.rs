@@ -25,7 +25,11 @@ mod tests;
 
 use glam::Vec3;
 
-pub use self::{base::CoatedBase, glass::Glass, gltf::Gltf};
+pub use self::{
+    base::{CoatedBase, schlick_rise},
+    glass::Glass,
+    gltf::Gltf,
+};
 use super::Scatter;
 use crate::math::{Rgb, warp};
 

@@ -283,7 +283,7 @@ fn structs_of_lights_lie_alike_in_rust_and_wgsl() {
             caustic_reach,
             blur_m,
             evenness,
-            is_alone,
+            flags,
             wall,
         }
     );
