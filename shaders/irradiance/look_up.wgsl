@@ -46,12 +46,20 @@ fn records_of_cell(cache: Cache, level: i32, place: vec3i) -> vec2u {
     return vec2u(0u);
 }
 
-/// Irradiance by the finest cache that knows it, in xyz; w: the weight that it has, 0: none knows.
-fn weighed_irradiance(at: Facing, through_walls: bool) -> vec4f {
+struct WeighedLight {
+    irradiance: vec3f,
+    /// Mean of `schlick_rise` over it.
+    coat_rise: f32,
+    /// 0: none knows.
+    weight: f32,
+}
+
+/// Irradiance by the finest cache that knows it.
+fn weighed_irradiance(at: Facing, through_walls: bool) -> WeighedLight {
     let cache_count = record_words[0];
     for (var number = 0u; number < cache_count; number++) {
         let cache = cache_at(number);
-        var sum = vec4f(0.0);
+        var sum = WeighedLight(vec3f(0.0), 0.0, 0.0);
         for (var words = cache.levels_at; words < cache.levels_end; words += 2u) {
             let level = bitcast<i32>(record_words[words]);
             let per_cell = bitcast<f32>(record_words[words + 1u]);
@@ -62,15 +70,17 @@ fn weighed_irradiance(at: Facing, through_walls: bool) -> vec4f {
                 let index = record_words[name];
                 let weight = weight_of(cache, index, at, through_walls);
                 if weight > 0.0 {
-                    sum += vec4f(irradiance_at(index, at) * weight, weight);
+                    sum.irradiance += irradiance_at(index, at) * weight;
+                    sum.coat_rise += records[index].coat_rise * weight;
+                    sum.weight += weight;
                 }
             }
         }
-        if sum.w > 0.0 {
-            return vec4f(sum.xyz / sum.w, sum.w);
+        if sum.weight > 0.0 {
+            return WeighedLight(sum.irradiance / sum.weight, sum.coat_rise / sum.weight, sum.weight);
         }
     }
-    return vec4f(0.0);
+    return WeighedLight(vec3f(0.0), 0.0, 0.0);
 }
 
 /// As `light_of_cells`.
@@ -78,14 +88,15 @@ fn scattered_light(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> 
     let at = facing_towards(wo, surface.point.position, surface.frame.n, surface.point.n_geo);
     let flags = record_words[1];
     var weighed = weighed_irradiance(at, false);
-    if weighed.w == 0.0 {
+    if weighed.weight == 0.0 {
         if (flags & HAS_BASE) != 0u {
             return light_of_cells(surface, wo, is_drawn, draw);
         }
         weighed = weighed_irradiance(at, true);
     }
     var light = nothing_known();
-    light.indirect = diffuse_of_even_light(surface.bsdf, frame_to_local(surface.frame, wo)) * weighed.xyz;
+    let wo_local = frame_to_local(surface.frame, wo);
+    light.indirect = diffuse_of_light(surface.bsdf, wo_local, weighed.coat_rise) * weighed.irradiance;
     if !HAS_FOCUSED && (flags & HAS_CAUSTICS) != 0u {
         light.caustic = light_of_cells(surface, wo, false, draw).caustic;
     }

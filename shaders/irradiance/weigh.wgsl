@@ -16,7 +16,8 @@ struct Record {
     /// Nothing nearer is hidden, m.
     nearest_m: f32,
     irradiance: vec3f,
-    padding_0: u32,
+    /// Mean of `schlick_rise` over its light.
+    coat_rise: f32,
     turning_red: vec3f,
     ways_0: u32,
     turning_green: vec3f,

@@ -343,14 +343,18 @@ fn albedo_of(bsdf: Bsdf) -> vec3f {
     }
 }
 
-/// What the diffuse lobe sends to `wo` of even light of irradiance one.
-fn diffuse_of_even_light(bsdf: Bsdf, wo: vec3f) -> vec3f {
+/// What the diffuse lobe sends to `wo` of light of irradiance one.
+///
+/// - `rise`: mean of `schlick_rise` over it
+fn diffuse_of_light(bsdf: Bsdf, wo: vec3f, rise: f32) -> vec3f {
     if bsdf.kind == LAMBERT {
         return bsdf.color * INVERSE_PI;
     }
     if HAS_GLTF && bsdf.kind == GLTF && wo.z > 0.0 {
-        return bsdf.color * (gltf_passing(bsdf, wo.z) * INVERSE_PI);
+        let base = gltf_coated_base(bsdf, wo);
+        return base.scale * (1.0 - base.rise * rise);
     }
+    // Which takes any light for even.
     if HAS_GLASS && bsdf.kind == GLASS {
         let reflected = fresnel_dielectric(abs(wo.z), glass_eta_from(bsdf, wo)).x;
         return bsdf.color * ((1.0 - reflected) * (1.0 - bsdf.transmission) * INVERSE_PI);

@@ -13,7 +13,7 @@ mod surface;
 mod upload;
 mod world;
 
-pub use bsdf::{Bsdf, BsdfSample, BsdfValue, CoatedBase, schlick_rise};
+pub use bsdf::{Bsdf, BsdfSample, BsdfValue, CoatedBase, EVEN_RISE, schlick_rise};
 pub use flight::Flight;
 #[cfg(feature = "gpu")]
 pub(crate) use flight::STRAIGHT_COS;

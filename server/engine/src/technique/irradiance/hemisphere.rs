@@ -23,7 +23,7 @@ use crate::{
     accel::SurfacePoint,
     math::{Frame, Rgb, sobol},
     technique::{Arrived, ArrivingLight, Counts, GatherRay, Guide},
-    transport::World,
+    transport::{EVEN_RISE, World},
 };
 
 /// Distances below this share of the scene's radius count as it.
@@ -347,6 +347,25 @@ impl Hemisphere {
     pub(super) fn irradiance(&self) -> Rgb {
         let sum = self.radiance.iter().fold(Rgb::BLACK, |sum, radiance| sum + *radiance);
         sum * (std::f32::consts::PI / self.radiance.len() as f32)
+    }
+
+    /// Mean of [`schlick_rise`](crate::transport::schlick_rise) over the irradiance.
+    pub(super) fn coat_rise(&self) -> f32 {
+        // 2 ∫ (1 − μ)⁵ μ dμ from the pole.
+        let from_pole = |ring: usize| {
+            let low = 1.0 - (1.0 - ring as f32 / self.strata.rings as f32).sqrt();
+            low.powi(6) * (1.0 / 3.0 - low * (2.0 / 7.0))
+        };
+        let [mut risen, mut all] = [0f64; 2];
+        for ring in 0..self.strata.rings {
+            let rise = (from_pole(ring + 1) - from_pole(ring)) * self.strata.rings as f32;
+            for sector in 0..self.strata.sectors {
+                let radiance = f64::from(self.radiance[self.strata.at(ring, sector)].mean());
+                risen += radiance * f64::from(rise);
+                all += radiance;
+            }
+        }
+        if all > 0.0 && all.is_finite() { (risen / all) as f32 } else { EVEN_RISE }
     }
 
     /// Harmonic mean of the distances before the triangle, m; of `farthest_m` at most, and none where all rays set out behind it.

@@ -43,8 +43,8 @@ const LENGTHENED: f32 = 0.05 * TAU;
 /// See the module's head.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Horizon {
-    /// Nothing nearer is hidden, m.
-    nearest_m: f32,
+    /// Nothing nearer is hidden: the upper half of the bits of a distance, which is rounded down by that.
+    nearest: u16,
     /// Open way in each direction over the shortest, in steps of its logarithm, rounded down.
     ways: [u8; SECTORS],
     /// Rise over way of what was met there, rounded down; and whether what stands between there and the next direction ends.
@@ -129,6 +129,8 @@ impl LowHits {
             way_between(direction, angle, before, &known[next])
         });
         let shortest_m = open.iter().flatten().map(|(way_m, _)| *way_m).fold(f32::INFINITY, f32::min);
+        let nearest = upper_half(BETWEEN * shortest_m);
+        let shortest_m = from_upper_half(nearest) / BETWEEN;
         if !(shortest_m > 0.0 && shortest_m < f32::INFINITY) {
             return Horizon::OPEN;
         }
@@ -146,7 +148,7 @@ impl LowHits {
         for (sector, rise) in rises.iter_mut().enumerate() {
             *rise |= if ends_in(&edges, sector) { SILHOUETTE } else { 0 };
         }
-        Horizon { nearest_m: BETWEEN * shortest_m, ways: open.each_ref().map(way), rises }
+        Horizon { nearest, ways: open.each_ref().map(way), rises }
     }
 }
 
@@ -236,15 +238,28 @@ fn sector_of(way: Vec2) -> usize {
     }
 }
 
+/// Of a number that is not negative, rounded down to eight digits of two.
+const fn upper_half(number: f32) -> u16 {
+    (number.to_bits() >> 16) as u16
+}
+
+#[inline]
+fn from_upper_half(half: u16) -> f32 {
+    f32::from_bits(u32::from(half) << 16)
+}
+
 impl Horizon {
     /// Nothing stands anywhere.
-    pub(super) const OPEN: Horizon =
-        Horizon { nearest_m: f32::INFINITY, ways: [ENDLESS; SECTORS], rises: [RISE_CODE_MAX; SECTORS] };
+    pub(super) const OPEN: Horizon = Horizon {
+        nearest: upper_half(f32::INFINITY),
+        ways: [ENDLESS; SECTORS],
+        rises: [RISE_CODE_MAX; SECTORS],
+    };
 
     /// Nothing is hidden up to here, m.
     #[inline]
     pub(super) fn nearest_m(&self) -> f32 {
-        self.nearest_m
+        from_upper_half(self.nearest)
     }
 
     /// Codes of open ways and of rises, four directions a word.
@@ -261,7 +276,7 @@ impl Horizon {
     pub(super) fn hides(&self, way: Vec3) -> bool {
         let along = way.truncate();
         let along_m = along.length();
-        if !(along_m > self.nearest_m) {
+        if !(along_m > self.nearest_m()) {
             return false;
         }
         let sector = sector_of(along);
@@ -287,7 +302,7 @@ impl Horizon {
     fn way_m(&self, sector: usize) -> Option<f32> {
         let code = self.ways[sector];
         let octaves = f32::from_bits((u32::from(code) / STEPS.len() as u32 + 127) << 23);
-        let way_m = || self.nearest_m / BETWEEN * octaves * STEPS[usize::from(code) % STEPS.len()];
+        let way_m = || self.nearest_m() / BETWEEN * octaves * STEPS[usize::from(code) % STEPS.len()];
         (code != ENDLESS).then(way_m)
     }
 }
@@ -436,13 +451,15 @@ mod tests {
         for (step, value) in STEPS.iter().enumerate() {
             assert!((value - (step as f32 / PER_OCTAVE).exp2()).abs() < 1e-6);
         }
-        let nearest_m = BETWEEN * 3.0;
+        let nearest = upper_half(BETWEEN * 3.0);
+        let shortest_m = from_upper_half(nearest) / BETWEEN;
+        assert!(shortest_m <= 3.0 && shortest_m > 2.97, "{shortest_m}");
         let mut ways = [ENDLESS; SECTORS];
         ways[..3].copy_from_slice(&[0, 17, 254]);
-        let horizon = Horizon { nearest_m, ways, ..Horizon::OPEN };
+        let horizon = Horizon { nearest, ways, ..Horizon::OPEN };
         for (sector, octaves) in [0.0, 17.0 / 16.0, 254.0 / 16.0].into_iter().enumerate() {
             let way_m = horizon.way_m(sector).unwrap();
-            assert!((way_m / (3.0 * f32::exp2(octaves)) - 1.0).abs() < 1e-5, "{way_m}");
+            assert!((way_m / (shortest_m * f32::exp2(octaves)) - 1.0).abs() < 1e-5, "{way_m}");
         }
         assert_eq!(horizon.way_m(3), None);
     }

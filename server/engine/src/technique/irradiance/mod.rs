@@ -40,7 +40,12 @@ pub use self::{
     visits::Visits,
 };
 
-use self::{index::Index, splat::Splats, strata::Strata};
+use self::{
+    index::Index,
+    record::{WeighedLight, WeighedSum},
+    splat::Splats,
+    strata::Strata,
+};
 use super::{
     ArrivingLight, Bias, Card, Counts, Guide, PackedRecords, ScatteredLight, ScreenLight, SecondaryLight,
     View,
@@ -189,9 +194,9 @@ impl IrradianceCache {
         &self.settings.weighing
     }
 
-    /// Irradiance where records count, these or rougher ones.
-    fn any_irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
-        self.irradiance(p, facing).or_else(|| self.rougher.as_ref()?.any_irradiance(p, facing))
+    /// Light where records count, these or rougher ones.
+    fn any_light(&self, p: Vec3, facing: &Facing) -> Option<WeighedLight> {
+        self.weighed_light(p, facing, Record::weight).or_else(|| self.rougher.as_ref()?.any_light(p, facing))
     }
 
     /// Records count at a point and are fine enough for who looks at it from where a pixel is so wide there, m; or one is so near that
@@ -216,33 +221,31 @@ impl IrradianceCache {
 
     /// Irradiance at a point [eq. 8.1], W/m²; `None` where no record counts.
     pub fn irradiance(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
-        self.weighed_irradiance(p, facing, Record::weight)
+        self.weighed_light(p, facing, Record::weight).map(|light| light.irradiance)
     }
 
-    /// Irradiance where nothing else is known: what counts but for walls, these records or rougher ones.
-    fn irradiance_through_walls(&self, p: Vec3, facing: &Facing) -> Option<Rgb> {
-        self.weighed_irradiance(p, facing, Record::weight_through_walls)
-            .or_else(|| self.rougher.as_ref()?.irradiance_through_walls(p, facing))
+    /// Light where nothing else is known: what counts but for walls, these records or rougher ones.
+    fn light_through_walls(&self, p: Vec3, facing: &Facing) -> Option<WeighedLight> {
+        self.weighed_light(p, facing, Record::weight_through_walls)
+            .or_else(|| self.rougher.as_ref()?.light_through_walls(p, facing))
     }
 
-    fn weighed_irradiance(
+    fn weighed_light(
         &self,
         p: Vec3,
         facing: &Facing,
         weight: impl Fn(&Record, Vec3, &Facing, &Weighing) -> f32,
-    ) -> Option<Rgb> {
+    ) -> Option<WeighedLight> {
         let weighing = &self.settings.weighing;
-        let mut sum = Rgb::BLACK;
-        let mut weights = 0.0;
+        let mut sum = WeighedSum::default();
         for place in self.index.around(p) {
             let record = &self.records[place as usize];
             let weight = weight(record, p, facing, weighing);
             if weight > 0.0 {
-                sum += record.irradiance_at(p, facing.normal, weighing) * weight;
-                weights += weight;
+                sum.add(record, record.irradiance_at(p, facing.normal, weighing), weight);
             }
         }
-        (weights > 0.0).then(|| sum * (1.0 / weights))
+        sum.light()
     }
 
     /// Takes a record in, and clamps how far it and its neighbours count to each other.
@@ -344,17 +347,15 @@ impl SecondaryLight for IrradianceCache {
 
     fn scattered_but_caustics(&self, surface: &Surface, wo: Vec3, draw: Option<[f32; 3]>) -> ScatteredLight {
         let (p, facing) = (surface.point.position, Facing::of(surface, wo));
-        let irradiance = self.any_irradiance(p, &facing);
-        if let (None, Some(base)) = (irradiance, &self.base) {
+        let light = self.any_light(p, &facing);
+        if let (None, Some(base)) = (light, &self.base) {
             return base.scattered(surface, wo, draw);
         }
         // Where records count they say more than how far each reaches.
-        irradiance.or_else(|| self.irradiance_through_walls(p, &facing)).map_or_else(
-            ScatteredLight::default,
-            |e| {
-                let indirect = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(wo)) * e;
-                ScatteredLight { indirect, ..ScatteredLight::default() }
-            },
-        )
+        let light = light.or_else(|| self.light_through_walls(p, &facing));
+        light.map_or_else(ScatteredLight::default, |light| ScatteredLight {
+            indirect: light.scattered(surface, wo),
+            ..ScatteredLight::default()
+        })
     }
 }

@@ -33,6 +33,8 @@ pub struct Record {
     pub n_geo: Vec3,
     /// Of light that another surface scattered, W/m².
     pub irradiance: Rgb,
+    /// See [`Record::coat_rise`], in 65,535ths.
+    pub(super) coat_rise: u16,
     /// Harmonic mean distance to what is seen from here, or less where neighbours or gradients ask for it, m.
     pub radius_m: f32,
     /// It counts as far as this at least, m: over some pixels of where it was first seen, or fewer where neighbours were seen from nearer, or
@@ -87,6 +89,14 @@ pub(super) const SAME_SURFACE_COS: f32 = 0.5;
 /// How far behind a record's plane a point may lie, in radii: what is behind sees other things.
 pub(super) const BEHIND: f32 = 0.05;
 
+/// Parts of [`Record::coat_rise`].
+const PARTS: f32 = 65_535.0;
+
+fn parts_of(share: f32) -> u16 {
+    // Casts saturate.
+    (share * PARTS + 0.5) as u16
+}
+
 impl Record {
     /// On a surface that nothing stands up around, and that receives nothing.
     #[cfg(test)]
@@ -100,12 +110,19 @@ impl Record {
             normal,
             n_geo,
             irradiance: Rgb::BLACK,
+            coat_rise: parts_of(crate::transport::EVEN_RISE),
             radius_m,
             reach_min_m: 0.0,
             turning: [Vec3::ZERO; 3],
             moving: [Vec3::ZERO; 3],
             horizon: Horizon::OPEN,
         }
+    }
+
+    /// Mean of [`schlick_rise`](crate::transport::schlick_rise) over its irradiance, 0 to 1: what a coat reflects of it.
+    #[inline]
+    pub fn coat_rise(&self) -> f32 {
+        f32::from(self.coat_rise) * (1.0 / PARTS)
     }
 
     /// Farthest distance at which it counts, m.
@@ -193,6 +210,7 @@ impl Record {
             normal: seen.facing.normal,
             n_geo: seen.facing.n_geo,
             irradiance: hemisphere.irradiance(),
+            coat_rise: parts_of(hemisphere.coat_rise()),
             radius_m: hemisphere.harmonic_mean_m(world.accel().radius()),
             reach_min_m: 0.0,
             turning: hemisphere.turning(),
@@ -215,7 +233,13 @@ impl Record {
             return;
         }
         let share = 1.0 / (visits as f32 + 1.0);
+        let of_newest = (newest.irradiance * share).mean();
         self.irradiance = self.irradiance * (1.0 - share) + newest.irradiance * share;
+        let all = self.irradiance.mean();
+        // Of light that is none, or beyond what numbers hold, it says nothing.
+        let of_newest = if all > 0.0 { (of_newest / all).clamp(0.0, 1.0) } else { 0.0 };
+        let [own, other] = [self.coat_rise(), newest.coat_rise()];
+        self.coat_rise = parts_of(own + (other - own) * of_newest);
         let towards = |gradient: &mut Gradient, newest: Gradient| {
             gradient.iter_mut().zip(newest).for_each(|(mean, newest)| *mean += (newest - *mean) * share);
         };
@@ -231,6 +255,48 @@ impl Record {
         let way_m = all / steepest;
         // Not where both are beyond what numbers hold: that is no way.
         if all > 0.0 && way_m >= 0.0 { way_m } else { f32::INFINITY }
+    }
+}
+
+/// What records say falls on a point, in the making [eq. 8.1].
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct WeighedSum {
+    irradiance: Rgb,
+    coat_rise: f32,
+    weights: f32,
+}
+
+impl WeighedSum {
+    /// - `irradiance`: of the record at the point
+    #[inline]
+    pub(super) fn add(&mut self, record: &Record, irradiance: Rgb, weight: f32) {
+        self.irradiance += irradiance * weight;
+        self.coat_rise += record.coat_rise() * weight;
+        self.weights += weight;
+    }
+
+    /// `None` where no record counts.
+    pub(super) fn light(&self) -> Option<WeighedLight> {
+        (self.weights > 0.0).then(|| WeighedLight {
+            irradiance: self.irradiance * (1.0 / self.weights),
+            coat_rise: self.coat_rise * (1.0 / self.weights),
+        })
+    }
+}
+
+/// What records say falls on a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WeighedLight {
+    /// W/m².
+    pub(super) irradiance: Rgb,
+    /// See [`Record::coat_rise`].
+    coat_rise: f32,
+}
+
+impl WeighedLight {
+    /// What the diffuse lobe of `surface` sends to `wo` of it, W/(m² sr).
+    pub(super) fn scattered(&self, surface: &Surface, wo: Vec3) -> Rgb {
+        surface.bsdf.diffuse_of_light(surface.frame.to_local(wo), self.coat_rise) * self.irradiance
     }
 }
 
@@ -314,5 +380,32 @@ impl GatherBy<'_> {
         let gathered = gathered?;
         let counts = gathered.iter().map(|(_, counts)| *counts).sum();
         Some((gathered.into_iter().flat_map(|(hemispheres, _)| hemispheres).collect(), counts))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a coat reflects is a mean over light, however much of it each gathering brought.
+    #[test]
+    fn gatherings_count_by_their_light() {
+        let of = |irradiance: f32, coat_rise: f32| Record {
+            irradiance: Rgb::splat(irradiance),
+            coat_rise: parts_of(coat_rise),
+            ..Record::dark_in_the_open(Vec3::ZERO, Facing::flat(Vec3::Y), 1.0)
+        };
+        for (first, newest, rise) in [
+            (of(1.0, 0.2), of(3.0, 0.6), 0.5),
+            (of(0.0, 0.2), of(3.0, 0.6), 0.6),
+            (of(3.0, 0.2), of(0.0, 0.6), 0.2),
+            (of(0.0, 0.2), of(0.0, 0.6), 0.2),
+        ] {
+            let mut record = first;
+            record.refine(1, &newest);
+            assert!((record.coat_rise() - rise).abs() < 2e-5, "{record:?}");
+            record.refine(0, &newest);
+            assert_eq!(record.coat_rise, newest.coat_rise);
+        }
     }
 }

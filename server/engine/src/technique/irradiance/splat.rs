@@ -22,7 +22,7 @@ use std::{
 use glam::{UVec2, Vec3};
 use rayon::prelude::*;
 
-use super::{Facing, IrradianceCache, Record};
+use super::{Facing, IrradianceCache, Record, record::WeighedSum};
 use crate::{
     film::TILE_SIDE,
     math::Rgb,
@@ -74,8 +74,7 @@ struct PixelRect {
 struct SeenPoint {
     position: Vec3,
     facing: Facing,
-    sum: Rgb,
-    weights: f32,
+    sum: WeighedSum,
 }
 
 impl Splats {
@@ -179,8 +178,7 @@ impl Placed {
                     let weight = record.weight(point.position, &point.facing, weighing);
                     if weight > 0.0 {
                         let irradiance = record.irradiance_at(point.position, point.facing.normal, weighing);
-                        point.sum += irradiance * weight;
-                        point.weights += weight;
+                        point.sum.add(record, irradiance, weight);
                     }
                 }
             }
@@ -194,8 +192,7 @@ impl ScreenLight for Splats {
         let point_of = |sight: &FirstSight| SeenPoint {
             position: sight.surface.point.position,
             facing: Facing::of(&sight.surface, sight.wo),
-            sum: Rgb::BLACK,
-            weights: 0.0,
+            sum: WeighedSum::default(),
         };
         let is_diffuse = |sight: &&FirstSight| sight.surface.bsdf.has_diffuse();
         let mut points: Vec<Option<SeenPoint>> =
@@ -206,11 +203,10 @@ impl ScreenLight for Splats {
             placed.splat(tile, origin, size, &mut points);
             for ((point, sight), scattered) in points.iter_mut().zip(seen).zip(&mut scattered) {
                 // What was answered for is not asked of rougher records.
-                if let (Some(SeenPoint { sum, weights, .. }), Some(FirstSight { surface, wo })) =
-                    (point.take_if(|point| point.weights > 0.0), sight)
-                {
-                    let sent = surface.bsdf.diffuse_of_even_light(surface.frame.to_local(*wo));
-                    *scattered = Some(sent * (sum * (1.0 / weights)));
+                let light = point.as_ref().and_then(|point| point.sum.light());
+                if let (Some(light), Some(FirstSight { surface, wo })) = (light, sight) {
+                    *point = None;
+                    *scattered = Some(light.scattered(surface, *wo));
                 }
             }
         }

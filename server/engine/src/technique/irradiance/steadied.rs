@@ -119,7 +119,7 @@ mod tests {
         math::{RunningStatistics, sobol::PixelSampler},
         technique::{
             Card, ScatteredLight,
-            irradiance::{CARD, horizon::Horizon},
+            irradiance::{CARD, Facing},
         },
         transport::Surface,
     };
@@ -156,16 +156,12 @@ mod tests {
         let record = |index: u32| {
             let [x, z, side, u] = PixelSampler::new(7, 0, index, 0).four(0);
             let normal = if side < 0.5 { Vec3::Y } else { Vec3::NEG_Y };
+            let position = Vec3::new(4.0 * x - 2.0, 0.0, 4.0 * z - 2.0);
             Record {
-                position: Vec3::new(4.0 * x - 2.0, 0.0, 4.0 * z - 2.0),
-                normal,
-                n_geo: normal,
                 irradiance: TRUE * (1.0 + noise * (2.0 * u - 1.0)),
-                radius_m: 0.5,
-                reach_min_m: 0.0,
                 turning: [Vec3::X; 3],
                 moving: [Vec3::Z; 3],
-                horizon: Horizon::OPEN,
+                ..Record::dark_in_the_open(position, Facing::flat(normal), 0.5)
             }
         };
         let variance = f64::from(TRUE.mean() * noise).powi(2) / 3.0;

@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use glam::{DAffine3, DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3, Vec3Swizzles};
 
 use super::{record::GatherBy, walk::Seen, *};
 use crate::{
@@ -18,7 +18,7 @@ use crate::{
     scene::Material,
     scene::samples,
     technique::{Guide, samples_of_guides::guide_of},
-    transport::World,
+    transport::{EVEN_RISE, World, schlick_rise},
 };
 
 /// Walls that shine as painted, wherever they are looked at from.
@@ -90,6 +90,35 @@ fn a_white_furnace_gives_pi() {
         assert!(record.moving.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", record.moving);
         assert!(record.turning.iter().all(|gradient| gradient.length() < 1e-3), "{:?}", record.turning);
         assert!(record.radius_m > 0.0 && record.radius_m.is_finite());
+    }
+}
+
+/// Records know how steeply their light falls, and so what a coat lets through of it: from all around, from above, from low walls, from
+/// nowhere.
+#[test]
+fn records_know_what_a_coat_reflects_of_their_light() {
+    let world = room();
+    let low = |p: Vec3| if p.y < -0.6 && p.y > -0.99 { Rgb::WHITE } else { Rgb::BLACK };
+    let above = |p: Vec3| Rgb::new(0.0, if p.y > 0.9 { 1.0 + p.x } else { 0.0 }, 0.0);
+    for (name, paint) in [
+        ("even", &(|_| Rgb::splat(1e-30)) as &(dyn Fn(Vec3) -> Rgb + Send + Sync)),
+        ("above", &above),
+        ("low", &low),
+        ("dark", &|_| Rgb::BLACK),
+    ] {
+        let found = record(&world, 0.1, -0.2, Vec3::Y, 20_000, &Painted(paint)).coat_rise();
+        let [mut risen, mut all] = [0.0; 2];
+        for index in 0..40_000 {
+            let [u, v, ..] = point(61, index);
+            let direction = warp::cosine_hemisphere([u, v]);
+            let ray = Ray::new(Vec3::new(0.1, -1.0 + 1e-6, -0.2), direction.xzy());
+            let hit = world.closest_hit(&ray).unwrap();
+            let light = paint(ray.origin + ray.direction * hit.t).mean();
+            risen += f64::from(light * schlick_rise(direction.z));
+            all += f64::from(light);
+        }
+        let expected = if all > 0.0 { (risen / all) as f32 } else { EVEN_RISE };
+        assert!((found - expected).abs() < 0.01 * expected + 2e-5, "{name}: {found} for {expected}");
     }
 }
 
@@ -419,16 +448,10 @@ fn steep_light_counts_over_few_pixels() {
 
 fn somewhere(index: u32, irradiance: f32) -> Record {
     let [x, z, r, _] = point(11, index);
+    let position = Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0);
     Record {
-        position: Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0),
-        normal: Vec3::Y,
-        n_geo: Vec3::Y,
         irradiance: Rgb::splat(irradiance),
-        radius_m: 0.1 + 1.2 * r * r,
-        reach_min_m: 0.0,
-        turning: [Vec3::ZERO; 3],
-        moving: [Vec3::ZERO; 3],
-        horizon: horizon::Horizon::OPEN,
+        ..Record::dark_in_the_open(position, Facing::flat(Vec3::Y), 0.1 + 1.2 * r * r)
     }
 }
 

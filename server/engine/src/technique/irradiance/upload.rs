@@ -109,7 +109,7 @@ fn packed(record: &Record, weighing: &Weighing) -> GpuRecord {
         // Cards may assume that nothing is infinite.
         nearest_m: record.horizon.nearest_m().min(f32::MAX),
         irradiance: record.irradiance.to_array(),
-        padding_0: 0,
+        coat_rise: record.coat_rise(),
         turning_red,
         ways_0,
         turning_green,

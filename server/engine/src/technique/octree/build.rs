@@ -9,6 +9,7 @@ use super::{
     LeafGather, LeafKind, LeafSet, LightOctree, OctreeSettings, RADIUS_MAX_EVEN, SHEET_CELLS,
     cluster::{Clustering, Spread, Vdl},
     cube::Cube,
+    drawing::evenness_of,
     gathers::{Gathers, LOOK_CELLS, key_of},
     harmonics::Harmonics,
     lights::{self, RiseOfSpread, ShadedVdl, Softness},
@@ -414,9 +415,12 @@ impl Building {
             let first_block = shaded.len() as u32;
             let mut spread = [RiseOfSpread::default(); 2];
             for (class, end) in [(0, first[1] as usize), (1, vdls.len())] {
-                let of_class = vdls[first[class] as usize..end].iter();
-                let ready = of_class.map(|vdl| ShadedVdl::of(vdl, set.normal, softness[class]));
-                spread[class] = RiseOfSpread::of(rise[class], ready.clone(), set.normal, softness[class]);
+                let of_class = &vdls[first[class] as usize..end];
+                let softness = softness[class];
+                let ready = of_class.iter().map(|vdl| ShadedVdl::of(vdl, set.normal, softness));
+                let evenness = evenness_of(chord_rms[class], of_class.len());
+                let lights = ready.clone();
+                spread[class] = RiseOfSpread::of(light.spread[class], evenness, lights, set.normal, softness);
                 lights::push(&mut shaded, ready);
             }
             let place = walls.len() as u32;

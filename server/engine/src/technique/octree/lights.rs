@@ -3,10 +3,10 @@
 
 use glam::{Vec3, Vec4};
 
-use super::{PackedVdl, Vdl};
+use super::{PackedVdl, Vdl, cluster::Spread};
 use crate::{
     math::Rgb,
-    transport::{CoatedBase, schlick_rise},
+    transport::{CoatedBase, EVEN_RISE, schlick_rise},
 };
 
 /// Lights to a block: a register of numbers.
@@ -169,16 +169,22 @@ impl<'a> Lights<'a> {
     }
 }
 
+/// [`RiseOfSpread`] of even light at most: twice what it is where its lights are straight ahead.
+const RISE_OF_SPREAD_MAX: f32 = 2.0 * EVEN_RISE;
+
 /// What a coat reflects of photons, on average, beyond what it would if all came from their lights: [`schlick_rise`] grows so fast towards the
-/// horizon that the mean direction of many tells little of its mean. Without it even light, of which a coat reflects F₀ + (1 − F₀) / 21, came
-/// through whole: rooms of plastic were 3 to 5 % too bright with every scattering. In 255ths.
+/// horizon that the mean direction of many tells little of its mean. Without it even light, of which a coat reflects F₀ + (1 − F₀) / 21, lost
+/// F₀ alone: rooms of glTF's default material had 3 % too much of it. In 255ths.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct RiseOfSpread(pub(super) u8);
 
 impl RiseOfSpread {
-    /// Of lights that stand for photons with a mean rise of `rise`, on their own surface.
+    /// Of lights that stand for photons, on their own surface.
+    ///
+    /// - `evenness`: of the photons, see [`evenness_of`](super::drawing::evenness_of)
     pub(super) fn of(
-        rise: f32,
+        spread: Spread,
+        evenness: f32,
         lights: impl Iterator<Item = ShadedVdl>,
         n_set: Vec3,
         softness: Softness,
@@ -191,11 +197,14 @@ impl RiseOfSpread {
             of_lights += brought * f64::from(schlick_rise(arriving_cos(cos_light, soft)));
             sum += brought;
         }
-        let more = if sum > 0.0 { f64::from(rise) - of_lights / sum } else { 0.0 };
-        // What is below 0 is the lights' own error, as of one that is nearer to the horizon than its photons.
-        RiseOfSpread((255.0 * more).round().clamp(0.0, 255.0) as u8)
+        let more = if sum > 0.0 { f64::from(spread.rise) - of_lights / sum } else { 0.0 };
+        // What is below 0, or more than photons so close around their lights can be off by, is the error of the softened cosine, and another
+        // one where a shading normal leans.
+        let most = f64::from(RISE_OF_SPREAD_MAX * evenness);
+        RiseOfSpread((255.0 * more.clamp(0.0, most)).round() as u8)
     }
 
+    /// Of [`schlick_rise`].
     #[inline]
     pub(super) fn get(self) -> f32 {
         f32::from(self.0) * (1.0 / 255.0)

@@ -18,6 +18,10 @@ pub struct Dimmed {
 impl Dimmed {
     /// Some light times `by`, finite and not negative.
     pub fn by(by: Rgb, light: Arc<dyn SecondaryLight>) -> Arc<dyn SecondaryLight> {
+        let (light, by) = match light.undimmed() {
+            Some((undimmed, before)) => (Arc::clone(undimmed), before * by),
+            None => (light, by),
+        };
         if by == Rgb::WHITE { light } else { Arc::new(Dimmed { light, by }) }
     }
 

@@ -131,8 +131,8 @@ pub trait SecondaryLight: fmt::Debug + Send + Sync {
     /// Some surface receives light that only mirrors and glass sent on.
     fn has_caustics(&self) -> bool;
 
-    /// What it is a multiple of, channel by channel: that is what a graphics card is given, and shows times as much. `None` of what is light
-    /// of its own.
+    /// What it is a multiple of, channel by channel: that is what path tracing on a graphics card is given, and shows times as much. `None` of
+    /// what is light of its own.
     fn undimmed(&self) -> Option<(&Arc<dyn SecondaryLight>, Rgb)> {
         None
     }

@@ -105,8 +105,8 @@ pub struct GpuRecord {
     pub nearest_m: f32,
     /// W/m².
     pub irradiance: [f32; 3],
-    /// Nothing.
-    pub padding_0: u32,
+    /// Mean of Schlick's (1 − cos)⁵ over it.
+    pub coat_rise: f32,
     /// Change with turning, W/m².
     pub turning_red: [f32; 3],
     /// Open ways in four directions each.

@@ -13,6 +13,9 @@ pub fn schlick_rise(cos: f32) -> f32 {
     (1.0 - cos.clamp(0.0, 1.0)).powi(5)
 }
 
+/// Mean of [`schlick_rise`] over light from all around, 2 ∫ (1 − μ)⁵ μ dμ.
+pub const EVEN_RISE: f32 = 1.0 / 21.0;
+
 /// The diffuse lobe towards one direction, f = scale · (1 − rise · (1 − cos θᵢ)⁵), 1/sr: Lambert's, or one under a coat that lets through
 /// what it does not reflect by Schlick's term.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -8,7 +8,7 @@
 
 use glam::Vec3;
 
-use super::{BsdfSample, BsdfValue, CoatedBase, LobeValue, SMOOTH_ALPHA, ggx::Ggx, schlick_rise};
+use super::{BsdfSample, BsdfValue, CoatedBase, EVEN_RISE, LobeValue, SMOOTH_ALPHA, ggx::Ggx, schlick_rise};
 use crate::{
     math::{Rgb, warp},
     transport::Scatter,
@@ -53,10 +53,11 @@ impl Gltf {
         !self.is_smooth() || !self.diffuse.is_black()
     }
 
-    /// See [`super::Bsdf::diffuse_of_even_light`]: what enters is normalised by its mean over even light.
-    pub(super) fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
+    /// See [`super::Bsdf::diffuse_of_light`].
+    pub(super) fn diffuse_of_light(&self, wo: Vec3, rise: f32) -> Rgb {
         if wo.z > 0.0 {
-            self.diffuse * (self.passing(wo.z) * std::f32::consts::FRAC_1_PI)
+            let base = self.coated_base(wo);
+            base.scale * (1.0 - base.rise * rise)
         } else {
             Rgb::BLACK
         }
@@ -100,7 +101,7 @@ impl Gltf {
     /// Share of evenly arriving light that the coat lets through: 1 − 2 ∫ F μ dμ, for Schlick's F in closed form.
     fn passing_mean(&self) -> f32 {
         let f0 = self.dielectric_f0.max_component();
-        (1.0 - f0 - (self.dielectric_f90 - f0).max(0.0) / 21.0).max(1e-6)
+        (1.0 - f0 - (self.dielectric_f90 - f0).max(0.0) * EVEN_RISE).max(1e-6)
     }
 
     /// See [`super::Bsdf::coated_base`].

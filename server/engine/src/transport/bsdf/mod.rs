@@ -26,7 +26,7 @@ mod tests;
 use glam::Vec3;
 
 pub use self::{
-    base::{CoatedBase, schlick_rise},
+    base::{CoatedBase, EVEN_RISE, schlick_rise},
     glass::Glass,
     gltf::Gltf,
 };
@@ -136,10 +136,17 @@ impl Bsdf {
 
     /// What the diffuse lobe sends to `wo` (frame coordinates) of light from all around, over its irradiance, 1/sr.
     pub fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
+        self.diffuse_of_light(wo, EVEN_RISE)
+    }
+
+    /// The same of other light.
+    ///
+    /// - `rise`: mean of [`schlick_rise`] over its irradiance, 0 to 1
+    pub fn diffuse_of_light(&self, wo: Vec3, rise: f32) -> Rgb {
         match self {
             Bsdf::Black | Bsdf::Mirror { .. } => Rgb::BLACK,
             Bsdf::Lambert { albedo } => *albedo * std::f32::consts::FRAC_1_PI,
-            Bsdf::Gltf(gltf) => gltf.diffuse_of_even_light(wo),
+            Bsdf::Gltf(gltf) => gltf.diffuse_of_light(wo, rise),
             Bsdf::Glass(glass) => glass.diffuse_of_even_light(wo),
         }
     }

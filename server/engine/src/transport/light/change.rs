@@ -39,7 +39,13 @@ impl LightsChange {
 
     /// This change and another after it, at most.
     pub(crate) fn then(self, later: LightsChange) -> LightsChange {
-        LightsChange { dimmed: self.dimmed * later.dimmed, share: self.share + later.share }
+        let dimmed = self.dimmed * later.dimmed;
+        // Beyond what numbers hold nothing is known of the light.
+        if dimmed.is_finite() {
+            LightsChange { dimmed, share: self.share + later.share }
+        } else {
+            LightsChange::ALL
+        }
     }
 }
 

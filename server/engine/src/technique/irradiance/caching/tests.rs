@@ -298,7 +298,7 @@ fn dark_pixels(caching: &IrradianceCaching, world: &World, camera: &CameraView, 
         let ray = view.ray(*x as f32 + 0.5, *y as f32 + 0.5);
         let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
         let facing = Facing::of(&surface, -ray.direction);
-        caching.cache().any_irradiance(surface.point.position, &facing).is_none()
+        caching.cache().any_light(surface.point.position, &facing).is_none()
     };
     pixels.filter(is_dark).count()
 }
@@ -524,7 +524,7 @@ fn steep_light_is_found_in_few_pixels() {
         let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
         let at = (surface.point, Facing::of(&surface, -ray.direction));
         let truth = record_at(&world, at, &with_rays(5_000), &strip()).0.irradiance.mean();
-        (caching.cache().any_irradiance(at.0.position, &at.1).unwrap().mean() / truth - 1.0).powi(2)
+        (caching.cache().any_light(at.0.position, &at.1).unwrap().irradiance.mean() / truth - 1.0).powi(2)
     };
     let errors: Vec<f32> = (0..60).map(|step| error(0.4 + 0.01 * step as f32)).collect();
     let error = (errors.iter().sum::<f32>() / errors.len() as f32).sqrt();

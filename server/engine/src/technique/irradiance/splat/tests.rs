@@ -77,7 +77,7 @@ fn splats_say_what_look_ups_say() {
                             None => {
                                 // No record counts there, or only by what hides behind something.
                                 let (p, facing) = (surface.point.position, Facing::of(surface, *wo));
-                                let counts = cache.any_irradiance(p, &facing).is_some();
+                                let counts = cache.any_light(p, &facing).is_some();
                                 assert!(!counts || !surface.bsdf.has_diffuse(), "{expected:?}");
                                 looked_up += 1;
                             }

@@ -19,15 +19,11 @@ fn cache_of(count: u32, reach_m: f32) -> IrradianceCache {
         let [turn, ..] = point(72, number);
         let normal = Vec3::new(turn - 0.5, 1.0, 0.25 - turn * turn).normalize();
         cache.insert(Record {
-            position: (Vec3::new(x, y, z) - 0.5) * 20.0,
-            normal,
-            n_geo: normal,
             irradiance: Rgb::new(x, y, z),
-            radius_m: 0.0,
             reach_min_m: reach_m * (size * 9.0).exp2(),
             turning: [Vec3::X, Vec3::Y, Vec3::Z],
             moving: [Vec3::Z; 3],
-            horizon: horizon::Horizon::OPEN,
+            ..Record::dark_in_the_open((Vec3::new(x, y, z) - 0.5) * 20.0, Facing::flat(normal), 0.0)
         });
     }
     cache
@@ -119,7 +115,7 @@ fn records_lie_alike_in_rust_and_wgsl() {
             n_geo,
             nearest_m,
             irradiance,
-            padding_0,
+            coat_rise,
             turning_red,
             ways_0,
             turning_green,

@@ -90,7 +90,7 @@ impl<'a> LightBeside<'a> {
     }
 }
 
-/// What of some light is brought to a card, and what it is shown times there: a lamp that is dimmed needs no other light there.
+/// What of some light is brought to a card, and what it is shown times there: packed is what was learnt.
 pub(super) fn undimmed(known: Option<&Arc<dyn SecondaryLight>>) -> (Option<&Arc<dyn SecondaryLight>>, Rgb) {
     match known.and_then(|known| known.undimmed()) {
         Some((light, by)) => (Some(light), by),

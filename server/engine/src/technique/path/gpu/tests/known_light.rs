@@ -145,9 +145,9 @@ fn asking_begins_and_ends_on_a_card() {
     assert_eq!(film.layer(PathClass::Indirect), indirect);
 }
 
-/// A card shows light dimmed as the CPU does, of cells and of records, by what it shows undimmed.
+/// A card shows light dimmed as the CPU does, of cells and of records.
 #[test]
-fn dimmed_light_needs_no_other_light_on_a_card() {
+fn dimmed_light_is_shown_alike_on_a_card() {
     let Some(gpu) = shared() else { return };
     let by = Rgb::new(0.25, 3.0, 0.0);
     for (name, asking) in [
