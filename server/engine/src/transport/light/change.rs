@@ -299,6 +299,16 @@ mod tests {
         assert_eq!(change_of_lights(&empty, &empty), LightsChange::NONE);
     }
 
+    /// Changes one after the other are one, as far as numbers hold what becomes of the light.
+    #[test]
+    fn dimmings_beyond_numbers_are_other_lights() {
+        let by = |times: f32| LightsChange { dimmed: Rgb::new(times, 1.0, 1.0), share: 0.1 };
+        let twice = by(0.5).then(by(1e20));
+        assert_eq!((twice.dimmed.r, twice.share), (5e19, 0.2));
+        assert_eq!(by(1e20).then(by(1e20)), LightsChange::ALL);
+        assert_eq!(by(1e20).then(by(1e20)).then(by(0.0)).share, 1.1);
+    }
+
     /// Lights that all change alike are what they were times something, to black; where one changes otherwise, or not at all, or out of
     /// black, they are others.
     #[test]

@@ -149,13 +149,16 @@ fn asking_begins_and_ends_on_a_card() {
 #[test]
 fn dimmed_light_is_shown_alike_on_a_card() {
     let Some(gpu) = shared() else { return };
-    let by = Rgb::new(0.25, 3.0, 0.0);
+    // Twice, as what is dimmed already may be.
+    let (once, by) = (Rgb::new(0.5, 3.0, 2.0), Rgb::new(0.5, 1.0, 0.0));
     for (name, asking) in [
         ("balls", with_known(balls().finish(), None)),
         ("records", with_records(samples::boxes().unwrap(), SOME_STEPS, true)),
     ] {
-        let dimmed =
-            Shot { known: asking.known.clone().map(|known| Dimmed::by(by, known)), ..asking.clone() };
+        let dimmed = Shot {
+            known: asking.known.clone().map(|known| Dimmed::by(by, Dimmed::by(once, known))),
+            ..asking.clone()
+        };
         let scene = Arc::new(GpuScene::new(gpu.clone(), Arc::clone(&asking.world)));
         let card = dimmed.on_card(&scene, SHADOWED_PASS);
         let (cpu, blurred) = (dimmed.on_cpu(SHADOWED_PASS), dimmed.on_cpu_as(SHADOWED_PASS, Near::Blurred));
