@@ -333,7 +333,10 @@ fn light_of_cells(surface: Surface, wo: vec3f, is_drawn: bool, draw: vec3f) -> S
         count += 1u;
         // What photons bring takes the place of these.
         if !HAS_FOCUSED {
-            light.caustic += response(surface, wo_local, n_shade, caustic_lights(like.index)) * weight;
+            let caustic = caustic_lights(like.index);
+            if caustic.first < caustic.end {
+                light.caustic += response(surface, wo_local, n_shade, caustic) * weight;
+            }
         }
     }
     if total > 0.0 {

@@ -354,7 +354,7 @@ fn diffuse_of_light(bsdf: Bsdf, wo: vec3f, rise: f32) -> vec3f {
         let base = gltf_coated_base(bsdf, wo);
         return base.scale * (1.0 - base.rise * rise);
     }
-    // Which takes any light for even.
+    // Takes any light for even.
     if HAS_GLASS && bsdf.kind == GLASS {
         let reflected = fresnel_dielectric(abs(wo.z), glass_eta_from(bsdf, wo)).x;
         return bsdf.color * ((1.0 - reflected) * (1.0 - bsdf.transmission) * INVERSE_PI);

@@ -16,7 +16,7 @@ const EXPONENT_BIAS: i32 = 64;
 const EXPONENT_RANGE: (i32, i32) = (-EXPONENT_BIAS, 127 - EXPONENT_BIAS);
 /// Codes of a channel's fraction: 8, 9 and 8 bits.
 const CODE_COUNT: [u32; 3] = [256, 512, 256];
-/// Codes from which on a channel is rounded to nearest: one of a thirty-second of the largest channel, or half as much.
+/// Codes from which on a channel is rounded to nearest.
 const WEAK: f32 = 8.0;
 /// Where the channels begin in the word, and behind them the exponent.
 const SHIFT: [u32; 4] = [0, 8, 17, 25];
@@ -73,8 +73,8 @@ fn decode(word: u32) -> Rgb {
 
 /// The channels as fractions of 2^`exponent`, rounded to codes. Casts turn NaN and negative numbers into 0.
 ///
-/// All lights of one colour are rounded alike to nearest: of a red light with a hundredth of blue, 2.56 codes of blue, a fifth of that was lost,
-/// and with a thousandth nearly all of it.
+/// To nearest all lights of one colour are rounded alike, as long as their exponents are: under a red lamp with a thousandth of blue, a quarter of
+/// a code, the blue of all was lost. Weak channels go up and down by chance.
 fn codes(irradiance: Rgb, exponent: i32, key: u32) -> [u32; 3] {
     let fraction = irradiance / power_of_two(exponent);
     // Of lights from one direction each has its own, which is the same for twice the light.

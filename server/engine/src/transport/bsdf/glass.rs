@@ -77,7 +77,7 @@ impl Glass {
         CoatedBase::lambert(self.tint * share).value(wi, chance)
     }
 
-    /// See [`super::Bsdf::diffuse_of_light`]: what enters is normalised by its mean over even light, which is what this takes any for.
+    /// See [`super::Bsdf::diffuse_of_light`]: what enters is normalised by its mean over even light, and any light is taken for even.
     pub(super) fn diffuse_of_even_light(&self, wo: Vec3) -> Rgb {
         let (reflected, _) = fresnel_dielectric(wo.z.abs(), self.eta_from(wo));
         self.tint * (self.chances(reflected)[2] * std::f32::consts::FRAC_1_PI)

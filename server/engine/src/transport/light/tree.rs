@@ -1,11 +1,11 @@
 //! A tree over lights that finds, for a shaded point, a light in proportion to what it may contribute.
 //!
 //! Each node bounds its lights' positions, emission cone and intensity; the walk goes down by the ratio of the children's importance,
-//! intensity · cosines / distance² [ContyEstevez2018; pbrt4, 12.6.3], until few lights are left, which are compared one by one, by a power
-//! below one of theirs: importance knows no shadows. It is what a
-//! light sends into its own directions, not its power, since by that narrow spots are chosen too seldom, as many times as their cone is
-//! smaller than a lamp's (three lights and a panel: 9.9 % error of direct light with 64 samples by power, 4.3 by intensity). The distance is
-//! floored by the node's own radius (not by a length, as in pbrt), so that scaling a scene changes nothing.
+//! intensity · cosines / distance² [ContyEstevez2018; pbrt4, 12.6.3], until few lights are left. Those are compared one by one, by a power
+//! below one of their importance, which knows no shadows. Intensity is what a light sends into its own directions, not its power, since by
+//! that narrow spots are chosen too seldom, as many times as their cone is smaller than a lamp's (three lights and a panel: 9.9 % error of
+//! direct light with 64 samples by power, 4.3 by intensity). The distance is floored by the node's own radius (not by a length, as in pbrt),
+//! so that scaling a scene changes nothing.
 
 use glam::Vec3;
 
