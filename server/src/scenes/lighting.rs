@@ -182,6 +182,11 @@ impl Lit {
         !self.ahead.leaves_light_alone() && !self.learner.is_catching_up()
     }
 
+    /// What is known by now, unless it is of other lights.
+    fn known(&self) -> Option<Arc<dyn SecondaryLight>> {
+        if self.learner.knows_other_lights() { None } else { self.learner.known_by_now() }
+    }
+
     /// All that is to be known is known.
     fn is_complete(&self) -> bool {
         self.ahead.leaves_light_alone() && self.learner.stage() == Stage::Complete
@@ -442,12 +447,9 @@ impl Lighting {
             .map_or(ToLearn::Rounds, |lit| lit.learner.to_learn())
     }
 
-    /// What is known by now, for a picture by `indirect`. The best there is does without what is known of other lights: it is
-    /// path-traced until these are known.
-    pub(super) fn known(&self, key: LightKey, indirect: Indirect) -> Option<Arc<dyn SecondaryLight>> {
-        let learner = &self.lit.get(&key)?.learner;
-        let is_wrong = indirect == Indirect::Auto && learner.knows_other_lights();
-        if is_wrong { None } else { learner.known_by_now() }
+    /// What is known by now, unless it is of other lights: pictures are path-traced until these are known.
+    pub(super) fn known(&self, key: LightKey) -> Option<Arc<dyn SecondaryLight>> {
+        self.lit.get(&key)?.known()
     }
 
     /// Counts up when what is known becomes that of another scene.

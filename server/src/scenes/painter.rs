@@ -410,7 +410,7 @@ impl Painter {
             .map_err(|error| Problem::new(ProblemKind::ValueRefused, error.to_string()))?;
         let settings = self.settings_of(wish);
         let bytes = settings.picture_bytes(&snapshot.plan, picture.pixel_count());
-        let known = film.key.light.and_then(|light| self.lighting.known(light, wish.indirect));
+        let known = film.key.light.and_then(|light| self.lighting.known(light));
         let rendering = Rendering::with(
             (snapshot.world.clone(), &snapshot.plan),
             film.key.view,

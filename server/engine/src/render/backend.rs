@@ -10,8 +10,8 @@ use std::{
 };
 
 use super::{
-    Illumination, IlluminationSettings, Indirect, Learnt, RenderSettings, Rendering, Stage, all_paths,
-    beside, learner::tracer_of_records, measuring::Measuring, step_on, tracer,
+    Illumination, IlluminationSettings, Learnt, RenderSettings, Rendering, Stage, all_paths, beside,
+    learner::tracer_of_records, measuring::Measuring, step_on, tracer,
 };
 use crate::{
     effects::EffectPlan,
@@ -251,8 +251,8 @@ impl RenderSettings {
         });
         let is_hidden = self.brings_hidden(&plan);
         scene.make_ready(Shading { asked, is_focused: self.focuses(&plan) || is_hidden })?;
-        if self.indirect == Indirect::Auto {
-            // Path tracing, before anything is known and beside that.
+        if self.traces_unknown() {
+            // Path tracing, before anything is known, and by the best there is beside that.
             scene.make_ready(Shading { asked: None, is_focused: is_hidden })?;
         }
         if learnt.is_some() {

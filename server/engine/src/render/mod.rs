@@ -210,8 +210,8 @@ impl Rendering {
         Rendering { learner: Some(Box::new(learner)), ..rendering }
     }
 
-    /// An empty film of `view` that is drawn with what is known of the scene's light; by octree and records light that comes
-    /// by way of other surfaces is missing where nothing is known.
+    /// An empty film of `view` that is drawn with what is known of the scene's light. Where nothing is known, light that comes by way of
+    /// other surfaces is path-traced for who watches, and by the best there is; in a single picture by octree or records it is missing.
     ///
     /// - `plan`: of the world's scene
     pub fn with(
@@ -533,7 +533,8 @@ fn beside(settings: &RenderSettings) -> PathSettings {
     PathSettings { seed: sobol::mix(settings.seed ^ 0x0070_6174_6800), ..settings }
 }
 
-/// The path tracer that draws with what is known; where the best there is is asked for and nothing is known yet, by itself.
+/// The path tracer that draws with what is known; by itself where nothing is known yet and that is to be
+/// [traced](RenderSettings::traces_unknown).
 ///
 /// - `looked_up`: what is shown of what others know
 fn tracer(
@@ -544,9 +545,11 @@ fn tracer(
 ) -> PathTracer {
     let path = all_paths(settings);
     let asks = match settings.indirect {
-        Indirect::None | Indirect::Octree | Indirect::Irradiance => true,
-        Indirect::Auto => settings.looks_up() && learnt.is_none(),
+        Indirect::None => true,
         Indirect::Path => false,
+        Indirect::Auto | Indirect::Octree | Indirect::Irradiance => {
+            settings.looks_up() && (learnt.is_none() || !settings.traces_unknown())
+        }
     };
     match known.filter(|_| learnt.is_some()) {
         Some(known) => PathTracer::with_secondary(PathSettings { shown: looked_up, ..path }, known),

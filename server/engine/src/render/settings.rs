@@ -148,6 +148,13 @@ impl RenderSettings {
         }
     }
 
+    /// Light that is to be looked up is path-traced as long as nothing is known of it. Who watches, and what is to be the best there is, is not
+    /// to be without it; single pictures begin with direct light, whose samples all count to the end.
+    pub(super) fn traces_unknown(&self) -> bool {
+        let is_watched = self.learning == Learning::Alongside { until: None };
+        self.looks_further() && (self.indirect == Indirect::Auto || is_watched)
+    }
+
     /// Noise is taken off what is looked up.
     pub(super) fn takes_noise_off(&self) -> bool {
         self.looks_up() && !self.keeps_noise

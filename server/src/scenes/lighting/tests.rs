@@ -72,6 +72,8 @@ fn light_follows_edits_that_do_not_end() {
     let next = Arc::new(world.update(Arc::new(scene), &change));
     lit.follow_edit(&next, &change, &workshop);
     assert!(lit.learner.knows_other_lights() && !Arc::ptr_eq(&lit.world, &next));
+    // Pictures do without it, whatever technique they are by.
+    assert!(lit.learner.known_by_now().is_some() && lit.known().is_none());
     let until_complete = |lit: &mut Lit, world: &Arc<World>| {
         for _ in 0..100_000 {
             if lit.is_complete() {
@@ -83,7 +85,7 @@ fn light_follows_edits_that_do_not_end() {
         panic!("no end of it");
     };
     until_complete(&mut lit, &next);
-    assert!(Arc::ptr_eq(&lit.world, &next) && !lit.learner.knows_other_lights());
+    assert!(Arc::ptr_eq(&lit.world, &next) && !lit.learner.knows_other_lights() && lit.known().is_some());
     // Around another origin nothing waits.
     let (first, change) = edited(&next, 10.8);
     lit.follow_edit(&first, &change, &workshop);
@@ -119,9 +121,9 @@ fn what_others_learnt_is_kept_for_others() {
     assert!(lighting.take_over(key, learnt(), &workshop).is_none());
     assert!(lighting.generation(key) > 0);
     assert!(lighting.expires_at().is_some_and(|at| at > Instant::now()));
-    let first = lighting.known(key, Indirect::Auto).unwrap();
+    let first = lighting.known(key).unwrap();
     assert!(lighting.take_over(key, learnt(), &workshop).is_some(), "no better");
-    assert!(Arc::ptr_eq(&first, &lighting.known(key, Indirect::Auto).unwrap()));
+    assert!(Arc::ptr_eq(&first, &lighting.known(key).unwrap()));
     // Nobody gets it whose light is another, nor while somebody looks with it.
     assert!(lighting.hand_over(LightKey { bounces_max: Some(3), ..key }, &workshop).is_none());
     let left = lighting.lit.get_mut(&key).unwrap().left.take();

@@ -57,7 +57,7 @@ impl Painter {
             if film.light_generation == generation || (film.rests_at.is_some() && is_same_scene) {
                 continue;
             }
-            let known = self.lighting.known(light, film.key.indirect);
+            let known = self.lighting.known(light);
             (film.light_generation, film.light_epoch, film.rests_at) = (generation, epoch, None);
             let shows_none = |layer: &Layer| !layer.rendering.looks_up();
             if known.is_none() && film.layer.iter().chain(&film.climb).all(shows_none) {

@@ -1,6 +1,9 @@
 //! Pictures: by every technique all of the light is in them, and they say how far they are from it.
 
-use std::sync::atomic::{AtomicI64, Ordering};
+use std::{
+    sync::atomic::{AtomicI64, Ordering},
+    time::{Duration, Instant},
+};
 
 use super::*;
 use crate::{
@@ -297,6 +300,34 @@ fn a_sketch_of_caustics_is_for_the_first_pass_alone() {
     assert!((bright / sketch / 100.0 - 1.0).abs() < 0.01, "{bright} for {sketch}");
     assert!(pictures[1].1 == pictures[2].1);
     assert!((mean(&pictures[1].1) / mean(&pictures[0].1) - 1.0).abs() < 0.1);
+}
+
+/// Before anything is known, whoever watches sees all the light there is, path-traced; a single picture begins with light that comes
+/// straight from lamps, and so does one with a bound that leaves nothing else.
+#[test]
+fn who_watches_sees_light_that_is_not_known_yet() {
+    let world = Arc::new(world_of(samples::furnace(0.5, 0.25).unwrap()));
+    let plan = EffectPlan::of(world.scene());
+    let radiance = |indirect, learning, bounces_max| {
+        let settings = RenderSettings { indirect, learning, bounces_max, ..RenderSettings::default() };
+        let size = PictureSize::new(32, 32).unwrap();
+        let view = world.scene().camera_view(None).unwrap();
+        let mut rendering = Rendering::with((world.clone(), &plan), view, size, settings, None);
+        assert!(rendering.step(&AtomicBool::new(false)).complete && !rendering.looks_up());
+        let radiance = rendering.picture().radiance();
+        radiance.iter().map(|value| value.luminance()).sum::<f32>() / radiance.len() as f32
+    };
+    let soon = Learning::Alongside { until: Some(Instant::now() + Duration::from_secs(1)) };
+    let watching = Learning::Alongside { until: None };
+    for indirect in [Indirect::Octree, Indirect::Irradiance] {
+        // A closed room of emission 0.25 and albedo 1/2: 0.25 · (1 + 1/2 + 1/4 + …).
+        let all = radiance(indirect, watching, None);
+        assert!((all / 0.5 - 1.0).abs() < 0.01, "{indirect:?}: {all}");
+        for (learning, bounces_max) in [(soon, None), (Learning::InStep, None), (watching, Some(1))] {
+            let straight = radiance(indirect, learning, bounces_max);
+            assert!((straight / 0.375 - 1.0).abs() < 0.01, "{indirect:?}, {learning:?}: {straight}");
+        }
+    }
 }
 
 /// Where everything is path-traced until something is known, no sketch is followed or shown.
