@@ -4,6 +4,9 @@
 //! A card is given up for good where it cannot run our steps at all. A scene that does not fit stays on the CPU by itself, and a
 //! device that was lost is looked for again after a while.
 
+#[cfg(test)]
+mod tests;
+
 use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
@@ -17,7 +20,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
-/// A scene is brought to the card once it was left alone for so long: who drags a lamp changes it with every picture.
+/// A scene is brought to the card once it was left alone for so long: who drags a thing changes it with every picture.
 const SETTLED: Duration = Duration::from_millis(300);
 /// A device that is gone is looked for again so much later.
 const RETRY: Duration = Duration::from_secs(5);
@@ -126,7 +129,8 @@ impl SceneOnCard {
             self.leave();
             return;
         }
-        if self.since.is_none() || self.light_revision != snapshot.light_revision {
+        if (self.since.is_none() || self.light_revision != snapshot.light_revision) && !self.relight(snapshot)
+        {
             // While the first scene is awaited there is nothing to settle.
             let settled = if self.since.is_none() { Instant::now().checked_sub(SETTLED) } else { None };
             self.leave();
@@ -190,6 +194,26 @@ impl SceneOnCard {
             scene.withdraw();
         }
         (self.worlds, self.since, self.refuses_light) = (Vec::new(), None, false);
+    }
+
+    /// Goes on with what is on the card where lights and materials alone have changed: who drags a lamp changes them with every picture.
+    fn relight(&mut self, snapshot: &Snapshot) -> bool {
+        let Some(scene) = self.scene.as_ref().filter(|_| matches!(self.stage, Stage::Ready)) else {
+            return false;
+        };
+        match scene.relit(&snapshot.world) {
+            Ok(Some(next)) => {
+                self.scene = Some(Arc::new(next));
+                self.worlds = vec![Arc::downgrade(&snapshot.world)];
+                (self.light_revision, self.refuses_light) = (snapshot.light_revision, false);
+                true
+            }
+            Ok(None) => false,
+            Err(error) => {
+                tracing::debug!(%error, "the scene is brought to the graphics card anew");
+                false
+            }
+        }
     }
 
     fn begin(&mut self, snapshot: &Snapshot, workshop: &Workshop) {

@@ -4,7 +4,10 @@ use std::{error::Error, sync::Arc, time::Instant};
 
 use lumicast_engine::{
     gpu::{Gpu, GpuTrees},
+    math::Rgb,
+    scene::{Environment, SceneBuilder, SceneLimits},
     technique::path::{Asked, GpuScene, Shading},
+    transport::World,
 };
 
 use crate::{
@@ -27,7 +30,7 @@ pub(crate) fn measure(
     let first = GpuScene::new(gpu.clone(), world.clone());
     first.make_ready(BY_OCTREE)?;
     let shader_seconds = first.shader_seconds();
-    drop(first);
+    let relit = relit(world, first, rounds)?;
 
     let (mut trees, mut all) = (Vec::new(), Vec::new());
     for _ in 0..rounds {
@@ -48,6 +51,28 @@ pub(crate) fn measure(
     figures.push(Figure::new("trees", Unit::Bytes, tree_bytes));
     figures.push(Figure::new("scene with trees: pack and upload", Unit::Milliseconds, median(all)));
     figures.push(Figure::new("scene with trees", Unit::Bytes, all_bytes));
+    figures.push(Figure::new("another light on a scene: pack and upload", Unit::Milliseconds, median(relit)));
     figures.push(Figure::new("shaders: compile", Unit::Seconds, shader_seconds));
     Ok(())
+}
+
+/// Milliseconds that the scene takes to follow edits of its light, and to be ready to draw.
+fn relit(world: &Arc<World>, on_card: GpuScene, rounds: usize) -> Result<Vec<f64>, Box<dyn Error>> {
+    let under = |sky: f32| -> Result<Arc<World>, Box<dyn Error>> {
+        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+        builder.set_environment(Environment::Constant(Rgb::splat(sky)))?;
+        let (scene, change) = builder.finish();
+        Ok(Arc::new(world.update(Arc::new(scene), &change)))
+    };
+    let worlds = [under(0.1)?, under(0.2)?];
+    let relit = |before: &GpuScene, round: usize| before.relit(&worlds[round % 2]);
+    let mut scene = relit(&on_card, 1)?.ok_or("the scene does not follow its light")?;
+    let mut milliseconds = Vec::new();
+    for round in 0..rounds {
+        let start = Instant::now();
+        scene = relit(&scene, round)?.ok_or("the scene does not follow its light")?;
+        scene.make_ready(BY_OCTREE)?;
+        milliseconds.push(1e3 * start.elapsed().as_secs_f64());
+    }
+    Ok(milliseconds)
 }

@@ -104,6 +104,14 @@ impl Accel {
         &self.instances
     }
 
+    /// The same meshes stand in the same places, by the same numbers.
+    pub fn is_like(&self, other: &Accel) -> bool {
+        let pairs = self.instances.iter().zip(&other.instances);
+        self.origin_in_world == other.origin_in_world
+            && self.instances.len() == other.instances.len()
+            && pairs.into_iter().all(|(a, b)| Arc::ptr_eq(a, b))
+    }
+
     /// What building took and holds.
     pub fn report(&self) -> AccelReport {
         let bottoms = self.bottoms.values().map(|(_, bottom)| bottom.bytes());

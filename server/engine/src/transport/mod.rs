@@ -27,7 +27,7 @@ pub(crate) use light::{LightsChange, change_of_lights};
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use upload::{
-    GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse, TEXTURE_FLAGS,
-    WorldBuffers, WorldFeatures,
+    AppearanceBuffers, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse,
+    TEXTURE_FLAGS, WorldBuffers, WorldFeatures,
 };
 pub use world::{ShadowRay, World, WorldReport};

@@ -4,47 +4,26 @@
 //! Knows no graphics interface. Every number is what the CPU works with, so that both draw the same surfaces: normals of
 //! triangles are those that were found in double precision, bytes are decoded by the same table, lights lie in the same tree.
 
+mod appearance;
 #[cfg(test)]
 mod tests;
 
-use std::{collections::HashMap, sync::Arc};
+use std::collections::HashMap;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::{World, surface::PreparedMaterial};
+use super::World;
 use crate::{
     accel::Instance,
-    math::{Rgb, sobol},
-    scene::{Filter, Id, Mesh, Texels, Texture, TextureSlot, Wrap, linear_from_srgb},
+    scene::{Id, Mesh},
 };
+
+pub use appearance::{AppearanceBuffers, TEXTURE_FLAGS, WorldFeatures};
+pub(in crate::transport) use appearance::{PlacedTextures, kind_flag};
 
 /// [`GpuPlacement`]'s `…_at`: the mesh has none.
 pub(in crate::transport) const ABSENT: u32 = u32::MAX;
-
-/// [`GpuTextureUse::flags`]: there is a texture.
-const TEXTURE_IS_THERE: u32 = 1;
-/// … it is looked up by the second set of coordinates.
-const TEXTURE_SECOND_SET: u32 = 2;
-/// … its nearest texel counts alone.
-const TEXTURE_NEAREST: u32 = 4;
-/// … its texels are floats.
-const TEXTURE_FLOATS: u32 = 8;
-/// … its bytes are sRGB.
-const TEXTURE_SRGB: u32 = 16;
-/// … where the wraps of u and v begin, two bits each.
-const TEXTURE_WRAP_SHIFTS: [u32; 2] = [8, 10];
-
-/// What [`GpuTextureUse::flags`] is read by, under the names that steps have for it.
-pub const TEXTURE_FLAGS: [(&str, u32); 7] = [
-    ("TEXTURE_IS_THERE", TEXTURE_IS_THERE),
-    ("TEXTURE_SECOND_SET", TEXTURE_SECOND_SET),
-    ("TEXTURE_NEAREST", TEXTURE_NEAREST),
-    ("TEXTURE_FLOATS", TEXTURE_FLOATS),
-    ("TEXTURE_SRGB", TEXTURE_SRGB),
-    ("TEXTURE_WRAP_U_SHIFT", TEXTURE_WRAP_SHIFTS[0]),
-    ("TEXTURE_WRAP_V_SHIFT", TEXTURE_WRAP_SHIFTS[1]),
-];
 
 /// What the steps must know to read the rest; `SceneHeader` in WGSL.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
@@ -258,56 +237,26 @@ pub struct GpuLightNode {
     pub padding: u32,
 }
 
-/// What a scene calls for: steps are compiled without what it does not.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct WorldFeatures {
-    /// Some surface is cut by an alpha mask.
-    pub has_masks: bool,
-    /// Some material has a texture.
-    pub has_textures: bool,
-    /// Some material lets light through.
-    pub has_glass: bool,
-    /// Some material has a gloss or is part metal.
-    pub has_gltf: bool,
-    /// The environment is a picture.
-    pub has_sky_picture: bool,
-}
-
 /// A scene's surfaces and lights, ready to be copied into buffers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldBuffers {
-    /// What says how the rest is read.
-    pub header: GpuSceneHeader,
+    /// What surfaces look like, and lights.
+    pub appearance: AppearanceBuffers,
     /// By the index that a hit carries.
     pub placements: Vec<GpuPlacement>,
     /// Words of vertices and triangles.
     pub geometry: Vec<u32>,
-    /// Materials.
-    pub materials: Vec<GpuMaterial>,
     /// Words of texels: one, or four floats.
     pub texels: Vec<u32>,
-    /// Sums of Sobol's direction numbers (4,096 words), linear values of sRGB bytes (256), ways to the lights (two each),
-    /// running sums of the environment.
-    pub tables: Vec<u32>,
-    /// Local lights by the index that the tree names, then directional ones.
-    pub lights: Vec<GpuLight>,
-    /// The tree over local lights.
-    pub light_nodes: Vec<GpuLightNode>,
-    /// What the scene calls for.
-    pub features: WorldFeatures,
 }
 
 impl WorldBuffers {
     /// Bytes to upload.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.header)
+        self.appearance.bytes()
             + size_of_val(&*self.placements)
             + size_of_val(&*self.geometry)
-            + size_of_val(&*self.materials)
             + size_of_val(&*self.texels)
-            + size_of_val(&*self.tables)
-            + size_of_val(&*self.lights)
-            + size_of_val(&*self.light_nodes)
     }
 }
 
@@ -353,35 +302,11 @@ impl Words {
     }
 }
 
-/// Texels in the making, each texture once.
-#[derive(Default)]
-pub(in crate::transport) struct PackedTexels {
-    words: Words,
-    placed: HashMap<*const Texture, u32>,
-}
-
-impl PackedTexels {
-    /// The texture's first word.
-    pub(in crate::transport) fn append(&mut self, texture: &Arc<Texture>) -> u32 {
-        let words = &mut self.words;
-        *self.placed.entry(Arc::as_ptr(texture)).or_insert_with(|| match &texture.texels {
-            Texels::Rgba8(texels) => words.append(texels),
-            Texels::Rgba32F(texels) => words.append(texels),
-        })
-    }
-}
-
-/// Flag of textures whose texels are floats.
-pub(in crate::transport) fn kind_flag(texture: &Texture) -> u32 {
-    if matches!(texture.texels, Texels::Rgba32F(_)) { TEXTURE_FLOATS } else { 0 }
-}
-
 impl World {
     /// The scene as it is now, packed for the GPU, its trees excepted. The same scene gives the same bytes.
     pub fn upload(&self) -> WorldBuffers {
-        let mut texels = PackedTexels::default();
-        let materials: Vec<GpuMaterial> =
-            self.materials().iter().map(|material| material_of(material, &mut texels)).collect();
+        let textures = PlacedTextures::of(self);
+        let appearance = self.appearance(&textures);
         let mut geometry = Words::default();
         let mut meshes: HashMap<&Id, MeshPlaces> = HashMap::new();
         let placements = self
@@ -395,33 +320,7 @@ impl World {
                 self.placement(index, instance, mesh, &mut geometry)
             })
             .collect();
-        let mut tables: Vec<u32> = sobol::mirrored_byte_sums().as_flattened().as_flattened().to_vec();
-        tables.extend(linear_from_srgb().iter().map(|value| value.to_bits()));
-        let packed = self.lights().upload(&mut tables, &mut texels);
-        let is_made_of = |what: fn(&crate::scene::Material) -> bool| {
-            self.materials().iter().any(|material| what(material.material()))
-        };
-        let features = WorldFeatures {
-            has_masks: is_made_of(|material| material.alpha_cutoff.is_some()),
-            has_textures: self
-                .materials()
-                .iter()
-                .any(|material| TextureSlot::ALL.iter().any(|slot| material.texture(*slot).is_some())),
-            has_glass: is_made_of(|material| material.transmission > 0.0),
-            has_gltf: is_made_of(|material| material.is_specular()),
-            has_sky_picture: packed.header.environment_kind == 2,
-        };
-        WorldBuffers {
-            header: packed.header,
-            placements,
-            geometry: geometry.0,
-            materials,
-            texels: texels.words.0,
-            tables,
-            lights: packed.lights,
-            light_nodes: packed.light_nodes,
-            features,
-        }
+        WorldBuffers { appearance, placements, geometry: geometry.0, texels: textures.texels() }
     }
 
     fn placement(
@@ -467,59 +366,5 @@ impl World {
             padding_0: 0,
             padding_1: 0,
         }
-    }
-}
-
-fn material_of(prepared: &PreparedMaterial, texels: &mut PackedTexels) -> GpuMaterial {
-    let material = prepared.material();
-    let texture = |slot: TextureSlot, texels: &mut PackedTexels| {
-        let (Some(reference), Some(texture)) = (material.texture(slot), prepared.texture(slot)) else {
-            return GpuTextureUse::zeroed();
-        };
-        let wrap = |wrap: Wrap, shift: u32| match wrap {
-            Wrap::Repeat => 0,
-            Wrap::Mirror => 1 << shift,
-            Wrap::Clamp => 2 << shift,
-        };
-        let set = if reference.texcoord_set > 0 { TEXTURE_SECOND_SET } else { 0 };
-        let nearest = if reference.filter == Filter::Nearest { TEXTURE_NEAREST } else { 0 };
-        let srgb = if slot.is_colour() { TEXTURE_SRGB } else { 0 };
-        GpuTextureUse {
-            uv_x: reference.uv_transform.matrix2.x_axis.into(),
-            uv_y: reference.uv_transform.matrix2.y_axis.into(),
-            uv_offset: reference.uv_transform.translation.into(),
-            texels_at: texels.append(texture),
-            width: texture.width,
-            height: texture.height,
-            flags: TEXTURE_IS_THERE
-                | set
-                | nearest
-                | kind_flag(texture)
-                | srgb
-                | wrap(reference.wrap_u, TEXTURE_WRAP_SHIFTS[0])
-                | wrap(reference.wrap_v, TEXTURE_WRAP_SHIFTS[1]),
-            padding_0: 0,
-            padding_1: 0,
-        }
-    };
-    let distance_m = material.attenuation_distance_m;
-    GpuMaterial {
-        base_color: material.base_color.to_array(),
-        alpha: material.alpha,
-        emission: if material.is_emissive() { material.emission } else { Rgb::BLACK }.to_array(),
-        alpha_cutoff: material.alpha_cutoff.unwrap_or(-1.0),
-        specular_color: material.specular_color.to_array(),
-        specular: material.specular,
-        attenuation_color: material.attenuation_color.to_array(),
-        attenuation_distance_m: if distance_m.is_finite() { distance_m } else { 0.0 },
-        metallic: material.metallic,
-        roughness: material.roughness,
-        ior: material.ior,
-        transmission: material.transmission,
-        normal_scale: material.normal_scale,
-        flags: u32::from(material.double_sided) | if material.unlit { 2 } else { 0 },
-        padding_0: 0,
-        padding_1: 0,
-        textures: TextureSlot::ALL.map(|slot| texture(slot, texels)),
     }
 }

@@ -112,6 +112,11 @@ impl World {
         self.openings.as_ref()?.at(self, p, n)
     }
 
+    /// Every part is of the material of the same number.
+    pub(in crate::transport) fn is_made_like(&self, other: &World) -> bool {
+        self.primitive_materials == other.primitive_materials
+    }
+
     /// The trees.
     pub fn accel(&self) -> &Accel {
         &self.accel

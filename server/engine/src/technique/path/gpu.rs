@@ -23,6 +23,7 @@ mod handed;
 mod known;
 mod lookouts;
 mod photons;
+mod relit;
 mod sample;
 mod scene;
 mod shadow_maps;

@@ -1,11 +1,14 @@
 //! Lights and their tree packed for the GPU.
 
+use std::sync::Arc;
+
 use bytemuck::Zeroable;
 
 use super::{EnvironmentLight, Lights, LocalLight};
 use crate::{
     math::Rgb,
-    transport::upload::{GpuLight, GpuLightNode, GpuSceneHeader, PackedTexels, kind_flag},
+    scene::Texture,
+    transport::upload::{GpuLight, GpuLightNode, GpuSceneHeader, PlacedTextures, kind_flag},
 };
 
 /// What [`Lights::upload`] packs beside the tables.
@@ -22,11 +25,24 @@ impl Lights {
         runs.iter().map(|run| [run.first_triangle, run.triangle_count, run.first_light]).collect()
     }
 
+    /// The same triangles of an instance emit, and are the same lights by number.
+    pub(in crate::transport) fn emits_like(&self, other: &Lights, instance: usize) -> bool {
+        self.emissive_runs(instance) == other.emissive_runs(instance)
+    }
+
+    /// Of an environment that is a picture.
+    pub(in crate::transport) fn environment_texture(&self) -> Option<&Arc<Texture>> {
+        match &self.environment {
+            Some(EnvironmentLight::Image(image)) => Some(&image.texture),
+            _ => None,
+        }
+    }
+
     /// Lights and their tree; ways to the lights and sums of the environment go to the end of `tables`.
     pub(in crate::transport) fn upload(
         &self,
         tables: &mut Vec<u32>,
-        texels: &mut PackedTexels,
+        textures: &PlacedTextures,
     ) -> PackedLights {
         let mut header = GpuSceneHeader {
             directional_count: self.directional.len() as u32,
@@ -47,7 +63,7 @@ impl Lights {
                 header.environment_kind = 2;
                 header.environment_radiance = image.scale.to_array();
                 header.environment_rotation_rad = image.rotation_rad;
-                header.environment_at = texels.append(&image.texture);
+                header.environment_at = textures.place(&image.texture);
                 header.environment_width = image.texture.width;
                 header.environment_height = image.texture.height;
                 header.environment_flags = kind_flag(&image.texture);

@@ -2,10 +2,15 @@
 
 use glam::{DAffine3, DVec3};
 
+use std::sync::Arc;
+
 use super::*;
-use crate::scene::{
-    Environment, Light, LightKind, Material, TextureRef,
-    samples::{self, Stage},
+use crate::{
+    math::Rgb,
+    scene::{
+        Environment, Light, LightKind, Material, Texels, Texture, TextureRef, TextureSlot,
+        samples::{self, Stage},
+    },
 };
 
 fn id(name: &str) -> Id {
@@ -51,7 +56,7 @@ fn textures_are_packed_once() {
     }
     let packed = upload_of(stage);
     assert_eq!(packed.texels.len(), 53);
-    let at = |i: usize| packed.materials[i].textures[TextureSlot::BaseColor as usize].texels_at;
+    let at = |i: usize| packed.appearance.materials[i].textures[TextureSlot::BaseColor as usize].texels_at;
     assert_eq!([at(0), at(2), at(4)], [at(0); 3]);
     assert_eq!(at(1), at(3));
     assert_ne!(at(0), at(1));
@@ -79,14 +84,14 @@ fn features_are_those_that_a_scene_calls_for() {
         let mut stage = Stage::default();
         stage.builder().add_texture(id("picture"), texture(1)).unwrap();
         ball(&mut stage, "ball", material);
-        assert_eq!(upload_of(stage).features, expected);
+        assert_eq!(upload_of(stage).appearance.features, expected);
     }
     let mut stage = Stage::default();
     let texels = Texels::Rgba32F(vec![[1.0; 4]; 2]);
     stage.builder().add_texture(id("sky"), Texture { width: 2, height: 1, texels }).unwrap();
     let sky = Environment::Image { texture: id("sky"), scale: Rgb::WHITE, rotation_rad: 0.0 };
     stage.builder().set_environment(sky).unwrap();
-    assert_eq!(upload_of(stage).features, WorldFeatures { has_sky_picture: true, ..none });
+    assert_eq!(upload_of(stage).appearance.features, WorldFeatures { has_sky_picture: true, ..none });
 }
 
 /// No number of lights is infinite, however strong they are: WGSL may assume that none is.
@@ -100,7 +105,7 @@ fn the_strongest_lights_are_packed_as_finite_numbers() {
     stage.place("lamp", samples::quad(corners, &lamp), DAffine3::IDENTITY).unwrap();
     let kind = LightKind::Point { intensity: Rgb::splat(1e20) };
     stage.light("point", Light { parent: None, position: DVec3::X, direction: DVec3::Y, kind }).unwrap();
-    let nodes = upload_of(stage).light_nodes;
+    let nodes = upload_of(stage).appearance.light_nodes;
     assert_eq!(nodes[0].intensity, f32::MAX);
     for node in nodes {
         let numbers = [node.low, node.high, node.axis, [node.intensity, node.cos_normals, node.cos_emission]];

@@ -96,7 +96,7 @@ impl SceneRaster {
         Ok(SceneRaster {
             pipeline: session.raster_pipeline(raster, &world.constants, &layouts)?,
             trees: session.bind(&trees_layout, &world.trees.buffers())?,
-            scene: session.bind(&scene_layout, &world.buffers.iter().collect::<Vec<_>>())?,
+            scene: session.bind(&scene_layout, &world.buffers.each_ref())?,
             layout,
         })
     }

@@ -27,7 +27,7 @@ use crate::{
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{
-        GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
+        AppearanceBuffers, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
 };
@@ -39,7 +39,7 @@ pub(super) struct GpuWorld {
     pub(super) trees_group: BindGroup,
     pub(super) trees_layout: Arc<Layout>,
     /// Of [`GpuWorld::BINDINGS`].
-    pub(super) buffers: Vec<Buffer>,
+    pub(super) buffers: [Buffer; 8],
     pub(super) group: BindGroup,
     pub(super) layout: Arc<Layout>,
     pub(super) constants: Vec<(&'static str, Constant)>,
@@ -68,7 +68,7 @@ impl PackedScene {
 
     /// As shaders number them.
     pub(super) fn lights(&self) -> &[GpuLight] {
-        &self.world.lights
+        &self.world.appearance.lights
     }
 }
 
@@ -88,19 +88,14 @@ impl GpuWorld {
     pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
         let PackedScene { trees, world: packed, .. } = packed;
         let trees = GpuTrees::new(session, trees)?;
-        let buffers = vec![
-            session.buffer_of("scene header", &[packed.header])?,
-            session.buffer_of("placements", &packed.placements)?,
-            session.buffer_of("geometry", &packed.geometry)?,
-            session.buffer_of("materials", &packed.materials)?,
-            session.buffer_of("texels", &packed.texels)?,
-            session.buffer_of("tables", &packed.tables)?,
-            session.buffer_of("lights", &packed.lights)?,
-            session.buffer_of("light nodes", &packed.light_nodes)?,
-        ];
+        let [header, materials, tables, lights, light_nodes] = appearance_of(session, &packed.appearance)?;
+        let placements = session.buffer_of("placements", &packed.placements)?;
+        let geometry = session.buffer_of("geometry", &packed.geometry)?;
+        let texels = session.buffer_of("texels", &packed.texels)?;
+        let buffers = [header, placements, geometry, materials, texels, tables, lights, light_nodes];
         let layout = session.layout(&GpuWorld::BINDINGS)?;
-        let group = session.bind(&layout, &buffers.iter().collect::<Vec<_>>())?;
-        let features = packed.features;
+        let group = session.bind(&layout, &buffers.each_ref())?;
+        let features = packed.appearance.features;
         let mut constants = vec![
             ("HAS_TEXTURES", Constant::Bool(features.has_textures)),
             ("HAS_GLASS", Constant::Bool(features.has_glass)),
@@ -126,7 +121,27 @@ impl GpuWorld {
     }
 }
 
+/// Buffers of what surfaces look like and lights send out: header, materials, tables, lights, their nodes.
+fn appearance_of(session: &Session, packed: &AppearanceBuffers) -> Result<[Buffer; 5], GpuError> {
+    Ok([
+        session.buffer_of("scene header", &[packed.header])?,
+        session.buffer_of("materials", &packed.materials)?,
+        session.buffer_of("tables", &packed.tables)?,
+        session.buffer_of("lights", &packed.lights)?,
+        session.buffer_of("light nodes", &packed.light_nodes)?,
+    ])
+}
+
 impl GpuWorld {
+    /// Takes on another appearance; see [`World::appearance_after`].
+    pub(super) fn take_on(&mut self, session: &Session, packed: &AppearanceBuffers) -> Result<(), GpuError> {
+        let [header, materials, tables, lights, light_nodes] = appearance_of(session, packed)?;
+        let of_appearance = [0, 3, 5, 6, 7].into_iter().zip([header, materials, tables, lights, light_nodes]);
+        of_appearance.for_each(|(place, buffer)| self.buffers[place] = buffer);
+        self.group = session.bind(&self.layout, &self.buffers.each_ref())?;
+        Ok(())
+    }
+
     pub(super) fn constants_of_shade(
         &self,
         from: PathStart,
@@ -172,8 +187,7 @@ impl Ready {
         (world, packed): (&World, &PackedScene),
         shadow_map_bytes_max: u64,
     ) -> Result<Ready, GpuError> {
-        let bytes_max = shadow_map_bytes_max.min(session.binding_bytes_max());
-        let shadowing = Shadowing::of(world, packed, MapSides::default(), bytes_max);
+        let shadowing = Ready::shadowing(&session, (world, packed.lights()), shadow_map_bytes_max);
         let world = GpuWorld::new(&session, packed)?;
         let known = KnownOnCard::nothing(&session)?;
         Ok(Ready {
@@ -187,6 +201,16 @@ impl Ready {
             triangle_counts: packed.triangle_counts.clone(),
             shader_seconds: 0.0,
         })
+    }
+
+    /// Maps of shadows that there are to be, if any.
+    pub(super) fn shadowing(
+        session: &Session,
+        (world, lights): (&World, &[GpuLight]),
+        bytes_max: u64,
+    ) -> Option<Shadowing> {
+        let bytes_max = bytes_max.min(session.binding_bytes_max());
+        Shadowing::of(world, lights, MapSides::default(), bytes_max)
     }
 
     /// Has places for so many paths of a slice. Where there is no room for them, maps of shadows go first, then light of single passes, then
@@ -290,9 +314,9 @@ pub struct GpuScene {
     pub(super) world: Arc<World>,
     /// The adapter is the CPU itself.
     pub(super) is_software: bool,
-    ready: Mutex<Option<Ready>>,
+    pub(super) ready: Mutex<Option<Ready>>,
     /// Seconds of compiling shaders for devices that are gone.
-    gone_shader_seconds: Mutex<f64>,
+    pub(super) gone_shader_seconds: Mutex<f64>,
     /// What shows pictures as soon as they are drawn, once that was asked for. Locked before what is [ready](GpuScene::ready), never after it.
     pub(super) frame: Mutex<Option<FrameOnCard>>,
     /// Pixels from which on pictures are not shown so: it had no room, or failed.
@@ -351,7 +375,7 @@ impl GpuScene {
     }
 
     /// Lets go of what is on the card, and remembers what compiling took.
-    fn let_go(&self, held: &mut Option<Ready>) {
+    pub(super) fn let_go(&self, held: &mut Option<Ready>) {
         *locked(&self.gone_shader_seconds) += held.take().map_or(0.0, |ready| ready.shader_seconds);
     }
 

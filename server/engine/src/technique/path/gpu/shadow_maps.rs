@@ -19,11 +19,11 @@ pub(super) use self::planes::GpuShadowPlane;
 pub(super) use self::planes::{MapSides, ShadowPlanes};
 use super::{
     lookouts::{BEHIND_ROOM, SceneRaster, corners_of_instance},
-    scene::{GpuScene, GpuWorld, PackedScene, Ready},
+    scene::{GpuScene, GpuWorld, Ready},
 };
 use crate::{
     gpu::{BindGroup, Binding, Buffer, Draw, GpuError, Layout, Overlap, Session, Target},
-    transport::World,
+    transport::{GpuLight, World},
 };
 
 /// Who tells which lights without extent are hidden.
@@ -123,11 +123,11 @@ impl Shadowing {
     /// `None` where no light has a map.
     pub(super) fn of(
         world: &World,
-        packed: &PackedScene,
+        lights: &[GpuLight],
         sides: MapSides,
         bytes_max: u64,
     ) -> Option<Shadowing> {
-        let planes = ShadowPlanes::of(world, packed.lights(), sides, bytes_max)?;
+        let planes = ShadowPlanes::of(world, lights, sides, bytes_max)?;
         Some(Shadowing { planes, drawing: None, maps: None })
     }
 

@@ -14,6 +14,7 @@ mod lights;
 mod lookouts;
 mod materials;
 mod photons;
+mod relit;
 mod shadow_maps;
 mod sketches;
 mod splats;

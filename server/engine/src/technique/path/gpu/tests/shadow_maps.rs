@@ -96,10 +96,10 @@ fn on_card(gpu: &Arc<Gpu>, shot: &Shot) -> Arc<GpuScene> {
 
 /// Planes of maps of such sides, which the scene asks from now on, and all their texels as the card has drawn them.
 fn drawn(scene: &GpuScene, sides: MapSides) -> (ShadowPlanes, Vec<f32>) {
-    let packed = PackedScene::of(&scene.world);
+    let lights = scene.world.upload().appearance.lights;
     let mut held = scene.ready().unwrap();
     let ready = held.as_mut().unwrap();
-    let shadowing = Shadowing::of(&scene.world, &packed, sides, u64::MAX).unwrap();
+    let shadowing = Shadowing::of(&scene.world, &lights, sides, u64::MAX).unwrap();
     let shadowing = ready.shadowing.insert(shadowing);
     shadowing.be_able(&ready.session, &ready.world).unwrap();
     shadowing.draw(&ready.session, &scene.world, &ready.triangle_counts).unwrap();
@@ -153,7 +153,7 @@ fn of_direct(scene: Scene, size: PictureSize) -> Shot {
 /// `None` where nothing is met.
 fn shadow_rays(shot: &Shot) -> Vec<Option<([Vec3; 2], ShadowRay, f32)>> {
     let view = View::new(&shot.world, &shot.camera, shot.size);
-    let lights = shot.world.upload().lights;
+    let lights = shot.world.upload().appearance.lights;
     let light = lights.iter().find(|light| light.kind != GpuLight::TRIANGLE).unwrap();
     let at = Vec3::from(light.position);
     let width = shot.size.width();
@@ -289,7 +289,7 @@ fn strong_lights_come_first_and_lamps_have_none() {
         lit_by(&mut stage, name, DVec3::Y, DVec3::NEG_Y, kind);
     }
     let world = World::prepare(Arc::new(stage.finish()));
-    let lights = world.upload().lights;
+    let lights = world.upload().appearance.lights;
     let bytes = |sides: [u32; 3]| 4 * sides.map(|side| u64::from(side * side)).into_iter().sum::<u64>();
     let [sun, point, weak] = [bytes([256, 0, 0]), 6 * bytes([64, 0, 0]), bytes([192, 0, 0])];
     let planes = |bytes_max: u64| ShadowPlanes::of(&world, &lights, SIDES, bytes_max);
@@ -313,7 +313,7 @@ fn strong_lights_come_first_and_lamps_have_none() {
         next += plane.side * plane.side;
     }
     let lamps = World::prepare(Arc::new(samples::cornell_box().unwrap()));
-    assert_eq!(ShadowPlanes::of(&lamps, &lamps.upload().lights, SIDES, u64::MAX), None);
+    assert_eq!(ShadowPlanes::of(&lamps, &lamps.upload().appearance.lights, SIDES, u64::MAX), None);
     let nothing = World::prepare(Arc::new(Stage::default().finish()));
     assert_eq!(ShadowPlanes::of(&nothing, &lights, SIDES, u64::MAX), None);
 }
