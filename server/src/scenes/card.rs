@@ -20,7 +20,9 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
-/// A scene is brought to the card once it was left alone for so long: who drags a thing changes it with every picture.
+/// The first pass after an edit may wait for so many seconds for a scene to be brought to the card once more; one that took longer last …
+const FOLLOWED_SECONDS: f64 = 0.05;
+/// … is brought once it was left alone for so long, unless nothing but its light changes: who drags a thing changes it with every picture.
 const SETTLED: Duration = Duration::from_millis(300);
 /// A device that is gone is looked for again so much later.
 const RETRY: Duration = Duration::from_secs(5);
@@ -102,8 +104,10 @@ enum Stage {
 const REFUSALS_MAX: u32 = 8;
 
 /// One scene on the card.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct SceneOnCard {
+    /// See [`FOLLOWED_SECONDS`].
+    followed_seconds: f64,
     scene: Option<Arc<GpuScene>>,
     stage: Stage,
     /// Worlds that the scene is of: edits that leave light alone make others of the same light.
@@ -113,6 +117,20 @@ pub(super) struct SceneOnCard {
     since: Option<Instant>,
     /// What is known of it has no room beside the scene.
     refuses_light: bool,
+}
+
+impl Default for SceneOnCard {
+    fn default() -> SceneOnCard {
+        SceneOnCard {
+            followed_seconds: FOLLOWED_SECONDS,
+            scene: None,
+            stage: Stage::Nothing,
+            worlds: Vec::new(),
+            light_revision: 0,
+            since: None,
+            refuses_light: false,
+        }
+    }
 }
 
 impl SceneOnCard {
@@ -129,8 +147,7 @@ impl SceneOnCard {
             self.leave();
             return;
         }
-        if (self.since.is_none() || self.light_revision != snapshot.light_revision) && !self.relight(snapshot)
-        {
+        if (self.since.is_none() || self.light_revision != snapshot.light_revision) && !self.go_on(snapshot) {
             // While the first scene is awaited there is nothing to settle.
             let settled = if self.since.is_none() { Instant::now().checked_sub(SETTLED) } else { None };
             self.leave();
@@ -196,12 +213,12 @@ impl SceneOnCard {
         (self.worlds, self.since, self.refuses_light) = (Vec::new(), None, false);
     }
 
-    /// Goes on with what is on the card where lights and materials alone have changed: who drags a lamp changes them with every picture.
-    fn relight(&mut self, snapshot: &Snapshot) -> bool {
+    /// Goes on with what is on the card, where that has not to be compiled anew and takes no longer than a pass may wait.
+    fn go_on(&mut self, snapshot: &Snapshot) -> bool {
         let Some(scene) = self.scene.as_ref().filter(|_| matches!(self.stage, Stage::Ready)) else {
             return false;
         };
-        match scene.relit(&snapshot.world) {
+        match scene.followed(&snapshot.world, self.followed_seconds) {
             Ok(Some(next)) => {
                 self.scene = Some(Arc::new(next));
                 self.worlds = vec![Arc::downgrade(&snapshot.world)];

@@ -26,10 +26,10 @@ fn picture_of(snapshot: &Snapshot) -> Rendering {
     Rendering::with((snapshot.world.clone(), &snapshot.plan), view, size, settings, None)
 }
 
-/// While a lamp is dragged its scene stays on the card, and pictures of it as it is now are drawn there at once, those of before nowhere
-/// else than on the CPU; where a thing moves all leave, until the scene has come anew.
+/// While a lamp or a thing is dragged a small scene stays on the card, and pictures of it as it is now are drawn there at once, those of
+/// before on the CPU; where steps are to be compiled anew all leave.
 #[test]
-fn scenes_stay_on_the_card_while_their_light_changes() {
+fn scenes_stay_on_the_card_while_they_are_edited() {
     let workshop = match Workshop::open(Config { backend: "gpu".into(), ..Config::default() }) {
         Ok(workshop) => workshop,
         Err(error) => {
@@ -39,36 +39,38 @@ fn scenes_stay_on_the_card_while_their_light_changes() {
             return;
         }
     };
+    // However busy the machine is.
     let mut on_card = SceneOnCard::default();
-    let until_ready = |on_card: &mut SceneOnCard, snapshot: &Snapshot| {
-        let start = Instant::now();
-        while !matches!(on_card.stage, Stage::Ready) {
-            assert!(start.elapsed() < Duration::from_secs(120), "{on_card:?}");
-            on_card.follow(snapshot, &workshop, true);
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    };
+    on_card.followed_seconds = 3600.0;
     let is_drawn_on = |on_card: &SceneOnCard, picture: &mut Rendering| {
         on_card.draw(picture, &workshop);
         picture.gpu_scene().is_some()
     };
     let world = World::prepare(Arc::new(samples::cornell_box().unwrap()));
     let mut now = snapshot_of(Arc::new(world), 1);
-    until_ready(&mut on_card, &now);
+    let start = Instant::now();
+    while !matches!(on_card.stage, Stage::Ready) {
+        assert!(start.elapsed() < Duration::from_secs(120), "{on_card:?}");
+        on_card.follow(&now, &workshop, true);
+        std::thread::sleep(Duration::from_millis(5));
+    }
     let mut picture = picture_of(&now);
     assert!(is_drawn_on(&on_card, &mut picture));
-    for strength in [3.0, 30.0, 4.0] {
-        let lamp = Material::emitter(Rgb::splat(strength));
+    for step in 1..5 {
+        let lamp = Material::emitter(Rgb::splat(10.0 * step as f32));
         now = edited(&now, |builder| builder.set_material(Id::new("lamp").unwrap(), lamp).unwrap());
+        if step > 2 {
+            let moved = DAffine3::from_translation(DVec3::new(0.02 * f64::from(step), 0.0, 0.0));
+            now = edited(&now, |builder| builder.set_transform("glass ball", moved).unwrap());
+        }
         on_card.follow(&now, &workshop, true);
-        assert!(!is_drawn_on(&on_card, &mut picture), "it is of the light before");
+        assert!(!is_drawn_on(&on_card, &mut picture), "it is of the scene before");
         picture = picture_of(&now);
-        assert!(is_drawn_on(&on_card, &mut picture), "strength {strength}");
+        assert!(is_drawn_on(&on_card, &mut picture), "step {step}");
     }
-    let moved = DAffine3::from_translation(DVec3::new(0.05, 0.0, 0.0));
-    now = edited(&now, |builder| builder.set_transform("glass ball", moved).unwrap());
+    let masked = Material { alpha_cutoff: Some(0.5), ..Material::lambert(Rgb::WHITE) };
+    now = edited(&now, |builder| builder.set_material(Id::new("green").unwrap(), masked).unwrap());
     on_card.follow(&now, &workshop, true);
     assert!(!is_drawn_on(&on_card, &mut picture) && !is_drawn_on(&on_card, &mut picture_of(&now)));
-    until_ready(&mut on_card, &now);
-    assert!(is_drawn_on(&on_card, &mut picture_of(&now)));
+    assert!(on_card.scene.is_none());
 }

@@ -18,12 +18,12 @@
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
 
 mod first_shown;
+mod followed;
 mod gather;
 mod handed;
 mod known;
 mod lookouts;
 mod photons;
-mod relit;
 mod sample;
 mod scene;
 mod shadow_maps;
@@ -34,6 +34,7 @@ mod step_clock;
 #[cfg(test)]
 mod tests;
 mod tracing;
+mod world;
 
 use std::sync::{
     Arc,

@@ -16,7 +16,8 @@ use rayon::prelude::*;
 
 use super::{
     BATCH_SECONDS, LOSSES_MAX, SOFTWARE_BATCH_SECONDS,
-    scene::{GpuScene, GpuWorld, Ready},
+    scene::{GpuScene, Ready},
+    world::GpuWorld,
 };
 use crate::{
     accel::{Hit, Ray, TriangleId},
@@ -229,7 +230,7 @@ impl Ready {
             for instance in &look.shown {
                 let (corner, number) = (sheet.corner(plane), names.len() as u32);
                 names.push([plane as u32, *instance as u32]);
-                let vertex_count = 3 * self.triangle_counts[*instance];
+                let vertex_count = 3 * self.world.triangle_counts[*instance];
                 draws.push(Draw { corner, size: sheet.size, vertex_count, number });
             }
         }

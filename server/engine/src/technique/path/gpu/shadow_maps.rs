@@ -19,7 +19,8 @@ pub(super) use self::planes::GpuShadowPlane;
 pub(super) use self::planes::{MapSides, ShadowPlanes};
 use super::{
     lookouts::{BEHIND_ROOM, SceneRaster, corners_of_instance},
-    scene::{GpuScene, GpuWorld, Ready},
+    scene::{GpuScene, Ready},
+    world::GpuWorld,
 };
 use crate::{
     gpu::{BindGroup, Binding, Buffer, Draw, GpuError, Layout, Overlap, Session, Target},
@@ -231,7 +232,7 @@ impl GpuScene {
             // Not both at once.
             shadowing.maps = None;
             let start = Instant::now();
-            shadowing.draw(&ready.session, &self.world, &ready.triangle_counts)?;
+            shadowing.draw(&ready.session, &self.world, &ready.world.triangle_counts)?;
             let Some(maps) = shadowing.maps() else { return Ok(None) };
             // A word is there once all of it is.
             ready.session.read(&maps.nearnesses, 0..size_of::<f32>() as u64)?;

@@ -28,7 +28,8 @@ use self::{
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{LightBeside, RecordsOnCard},
-    scene::{GpuScene, GpuWorld, Ready, unprepared},
+    scene::{GpuScene, Ready, unprepared},
+    world::GpuWorld,
 };
 use crate::{
     gpu::{Begin, Binding, Buffer, GpuError, Layout, Pipeline, Session},

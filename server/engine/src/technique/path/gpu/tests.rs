@@ -5,6 +5,7 @@ mod cameras;
 mod first_pictures;
 mod first_shown;
 mod focused;
+mod followed;
 mod gathering;
 mod handed;
 mod known_light;
@@ -14,7 +15,6 @@ mod lights;
 mod lookouts;
 mod materials;
 mod photons;
-mod relit;
 mod shadow_maps;
 mod sketches;
 mod splats;
@@ -28,7 +28,7 @@ use std::{
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{scene::*, tracing::*, *};
+use super::{scene::*, tracing::*, world::*, *};
 use crate::{
     film::{PictureSize, PixelSample},
     gpu::{Gpu, tests::open},

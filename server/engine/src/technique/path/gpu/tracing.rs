@@ -19,8 +19,8 @@ use super::{
     handed::{GpuHandedPath, HANDED_AFTER, HandOver, handed_max},
     known::{Asked, KnownOnCard, Shading},
     photons::{GpuKeptPhoton, GpuSentPhoton, KEPT_PER_PHOTON},
-    scene::GpuWorld,
     shadow_maps::{ShadowMaps, layout_of_maps},
+    world::GpuWorld,
 };
 use crate::{
     gpu::{Batch, BindGroup, Binding, Buffer, GpuError, Layout, Pipeline, ReadBack, Session},

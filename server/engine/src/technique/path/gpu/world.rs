@@ -1,0 +1,172 @@
+//! What of a scene lies on a card for every step: its trees, surfaces and lights.
+
+use std::{sync::Arc, time::Instant};
+
+use lumicast_shaders::Constant;
+
+use super::{
+    known::Shading,
+    shadow_maps::constants_of_maps,
+    tracing::{PathStart, WORKGROUP},
+};
+use crate::{
+    accel::{AccelBuffers, GAMMA_5, GAMMA_19},
+    gpu::{BindGroup, Binding, Buffer, GpuError, GpuTrees, Layout, Masks, Session},
+    scene::Id,
+    technique::{
+        LIKE_COS, PHOTON_SURVIVAL_MAX,
+        path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
+    },
+    transport::{
+        AppearanceBuffers, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
+        bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
+    },
+};
+
+/// A scene on a card.
+#[derive(Debug)]
+pub(super) struct GpuWorld {
+    pub(super) trees: GpuTrees,
+    pub(super) trees_group: BindGroup,
+    pub(super) trees_layout: Arc<Layout>,
+    /// Of [`GpuWorld::BINDINGS`].
+    pub(super) buffers: [Buffer; 8],
+    pub(super) group: BindGroup,
+    pub(super) layout: Arc<Layout>,
+    pub(super) constants: Vec<(&'static str, Constant)>,
+    /// Of each instance.
+    pub(super) triangle_counts: Vec<u32>,
+    /// Seconds of packing it and bringing it.
+    pub(super) brought_seconds: f64,
+}
+
+/// A scene in words. Packing takes threads, and so is not done with a lock held.
+#[derive(Debug)]
+pub(super) struct PackedScene {
+    trees: AccelBuffers,
+    world: WorldBuffers,
+    /// By instance.
+    triangle_counts: Vec<u32>,
+    /// Seconds of packing.
+    seconds: f64,
+}
+
+impl PackedScene {
+    pub(super) fn of(world: &World) -> PackedScene {
+        let start = Instant::now();
+        let trees = world.accel().upload();
+        let count_of = |mesh_id: &Id| {
+            let mesh = trees.meshes.binary_search_by(|mesh| mesh.mesh_id.cmp(mesh_id));
+            mesh.map_or(0, |mesh| trees.meshes[mesh].triangle_count)
+        };
+        let instances = world.accel().instances().iter();
+        let triangle_counts = instances.map(|instance| count_of(instance.mesh_id())).collect();
+        let world = world.upload();
+        PackedScene { triangle_counts, trees, world, seconds: start.elapsed().as_secs_f64() }
+    }
+
+    /// As shaders number them.
+    pub(super) fn lights(&self) -> &[GpuLight] {
+        &self.world.appearance.lights
+    }
+}
+
+impl GpuWorld {
+    /// How steps see the scene beside its trees.
+    pub(super) const BINDINGS: [Binding; 8] = [
+        Binding::Uniform,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+        Binding::Read,
+    ];
+
+    pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
+        let start = Instant::now();
+        let PackedScene { trees, world: packed, triangle_counts, seconds } = packed;
+        let trees = GpuTrees::new(session, trees)?;
+        let [header, materials, tables, lights, light_nodes] = appearance_of(session, &packed.appearance)?;
+        let placements = session.buffer_of("placements", &packed.placements)?;
+        let geometry = session.buffer_of("geometry", &packed.geometry)?;
+        let texels = session.buffer_of("texels", &packed.texels)?;
+        let buffers = [header, placements, geometry, materials, texels, tables, lights, light_nodes];
+        let layout = session.layout(&GpuWorld::BINDINGS)?;
+        let group = session.bind(&layout, &buffers.each_ref())?;
+        let features = packed.appearance.features;
+        let mut constants = vec![
+            ("HAS_TEXTURES", Constant::Bool(features.has_textures)),
+            ("HAS_GLASS", Constant::Bool(features.has_glass)),
+            ("HAS_GLTF", Constant::Bool(features.has_gltf)),
+            ("HAS_SKY_PICTURE", Constant::Bool(features.has_sky_picture)),
+            ("WORKGROUP", Constant::U32(WORKGROUP)),
+            ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
+            ("FLOAT_MAX", Constant::F32(f32::MAX)),
+            ("GAMMA_5", Constant::F32(GAMMA_5)),
+            ("GAMMA_19", Constant::F32(GAMMA_19)),
+            ("BOUNCES_END", Constant::U32(BOUNCES_END)),
+            ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
+            ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
+            ("LIKE_COS", Constant::F32(LIKE_COS)),
+            ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
+            ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
+        ];
+        constants.extend(constants_of_maps());
+        constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
+        constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
+        let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
+        Ok(GpuWorld {
+            trees,
+            trees_group,
+            trees_layout,
+            buffers,
+            group,
+            layout,
+            constants,
+            triangle_counts: triangle_counts.clone(),
+            brought_seconds: seconds + start.elapsed().as_secs_f64(),
+        })
+    }
+}
+
+/// Buffers of what surfaces look like and lights send out: header, materials, tables, lights, their nodes.
+fn appearance_of(session: &Session, packed: &AppearanceBuffers) -> Result<[Buffer; 5], GpuError> {
+    Ok([
+        session.buffer_of("scene header", &[packed.header])?,
+        session.buffer_of("materials", &packed.materials)?,
+        session.buffer_of("tables", &packed.tables)?,
+        session.buffer_of("lights", &packed.lights)?,
+        session.buffer_of("light nodes", &packed.light_nodes)?,
+    ])
+}
+
+impl GpuWorld {
+    /// Takes on another appearance; see [`World::appearance_after`].
+    pub(super) fn take_on(&mut self, session: &Session, packed: &AppearanceBuffers) -> Result<(), GpuError> {
+        let [header, materials, tables, lights, light_nodes] = appearance_of(session, packed)?;
+        let of_appearance = [0, 3, 5, 6, 7].into_iter().zip([header, materials, tables, lights, light_nodes]);
+        of_appearance.for_each(|(place, buffer)| self.buffers[place] = buffer);
+        self.group = session.bind(&self.layout, &self.buffers.each_ref())?;
+        Ok(())
+    }
+
+    pub(super) fn constants_of_shade(
+        &self,
+        from: PathStart,
+        shading: Shading,
+    ) -> Vec<(&'static str, Constant)> {
+        let mut constants = self.constants.clone();
+        let asks = shading.asked.is_some();
+        constants.push(("HAS_FOCUSED", Constant::Bool(shading.is_focused)));
+        constants.push(("BROAD_ALPHA", Constant::F32(BROAD_ALPHA)));
+        constants.push(("HAS_SECONDARY", Constant::Bool(asks)));
+        constants.push(("LOOKS_PAST", Constant::Bool(asks && from == PathStart::Rays)));
+        constants.push(("NEAR_BLURS", Constant::F32(NEAR_BLURS)));
+        constants.push(("NEAR_MAX", Constant::U32(NEAR_MAX)));
+        constants.push(("SHADOWS_KNOWN", Constant::Bool(asks && from == PathStart::Pixels)));
+        constants.push(("FROM_DIMENSION", Constant::U32(FROM_DIMENSION)));
+        constants
+    }
+}
