@@ -215,14 +215,14 @@ impl SceneOnCard {
 
     /// Goes on with what is on the card, where that has not to be compiled anew and takes no longer than a pass may wait.
     fn go_on(&mut self, snapshot: &Snapshot) -> bool {
-        let Some(scene) = self.scene.as_ref().filter(|_| matches!(self.stage, Stage::Ready)) else {
-            return false;
-        };
+        // What had no room is not tried again with every picture.
+        let goes_on = matches!(self.stage, Stage::Ready) && !self.refuses_light;
+        let Some(scene) = self.scene.as_ref().filter(|_| goes_on) else { return false };
         match scene.followed(&snapshot.world, self.followed_seconds) {
             Ok(Some(next)) => {
                 self.scene = Some(Arc::new(next));
                 self.worlds = vec![Arc::downgrade(&snapshot.world)];
-                (self.light_revision, self.refuses_light) = (snapshot.light_revision, false);
+                self.light_revision = snapshot.light_revision;
                 true
             }
             Ok(None) => false,

@@ -12,7 +12,7 @@
 //!
 //! The last paths of a slice go on by the CPU (`handed.rs`), which follows them while the card traces the next.
 //! First passes are shown by the card itself where somebody asks for that (`first_shown.rs`); maps may tell their shadows then, in two steps between
-//! `turn` and `occluded` (`shadow_maps.rs`).
+//! `turn` and `occluded` (`shadow_maps.rs`). What of the scene lies on the card (`world.rs`) follows edits (`followed.rs`).
 //!
 //! **Watchdogs** end whatever keeps a card busy for long. A slice is as large as its first batch of commands takes
 //! [`BATCH_SECONDS`], and is halved and doubled as that changes.
