@@ -10,7 +10,7 @@ mod tests;
 use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
-use lumicast_engine::effects::{EffectKind, EffectPlan};
+use lumicast_engine::effects::EffectKind;
 use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
 use lumicast_engine::render::{Backend, Rendering};
 use lumicast_engine::technique::path::{GpuScene, Shading};
@@ -117,6 +117,8 @@ pub(super) struct SceneOnCard {
     since: Option<Instant>,
     /// What is known of it has no room beside the scene.
     refuses_light: bool,
+    /// Steps for caustics are compiled as well.
+    has_focused: bool,
 }
 
 impl Default for SceneOnCard {
@@ -129,6 +131,7 @@ impl Default for SceneOnCard {
             light_revision: 0,
             since: None,
             refuses_light: false,
+            has_focused: false,
         }
     }
 }
@@ -216,7 +219,9 @@ impl SceneOnCard {
     /// Goes on with what is on the card, where that has not to be compiled anew and takes no longer than a pass may wait.
     fn go_on(&mut self, snapshot: &Snapshot) -> bool {
         // What had no room is not tried again with every picture.
-        let goes_on = matches!(self.stage, Stage::Ready) && !self.refuses_light;
+        let goes_on = matches!(self.stage, Stage::Ready)
+            && !self.refuses_light
+            && (self.has_focused || !snapshot.plan.is_on(EffectKind::Caustics));
         let Some(scene) = self.scene.as_ref().filter(|_| goes_on) else { return false };
         match scene.followed(&snapshot.world, self.followed_seconds) {
             Ok(Some(next)) => {
@@ -240,7 +245,7 @@ impl SceneOnCard {
         }
         let scene = Arc::new(GpuScene::new(Arc::clone(gpu), Arc::clone(&snapshot.world)));
         let outcome = Outcome::default();
-        let has_focused = EffectPlan::of(snapshot.world.scene()).is_on(EffectKind::Caustics);
+        let has_focused = snapshot.plan.is_on(EffectKind::Caustics);
         let make_ready = {
             let (scene, outcome) = (Arc::clone(&scene), Arc::clone(&outcome));
             let is_busy = Arc::clone(&workshop.card.is_busy);
@@ -258,7 +263,10 @@ impl SceneOnCard {
             }
         };
         match std::thread::Builder::new().name("card".into()).spawn(make_ready) {
-            Ok(_) => (self.scene, self.stage) = (Some(scene), Stage::Coming(outcome)),
+            Ok(_) => {
+                (self.scene, self.stage) = (Some(scene), Stage::Coming(outcome));
+                self.has_focused = has_focused;
+            }
             Err(error) => {
                 workshop.card.is_busy.store(false, SeqCst);
                 tracing::warn!(%error, "no thread for the graphics card");

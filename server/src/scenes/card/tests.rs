@@ -2,6 +2,7 @@
 
 use super::*;
 use glam::{DAffine3, DVec3};
+use lumicast_engine::effects::EffectPlan;
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::math::Rgb;
 use lumicast_engine::render::RenderSettings;

@@ -32,8 +32,8 @@ impl Changed {
 }
 
 impl Ready {
-    /// Holds the scene as it is now. Maps of shadows and what else was drawn of it are drawn again once they are asked for. False, and all
-    /// stays as it is, where steps would have to be compiled anew.
+    /// Holds the scene as it is now. Maps of shadows, if there were to be any, and what else was drawn of it are drawn again once they are
+    /// asked for. False, and all stays as it is, where steps would have to be compiled anew.
     fn follow(
         &mut self,
         world: &World,
@@ -51,8 +51,12 @@ impl Ready {
                 self.world = next;
             }
         }
-        (self.shadowing, self.lookouts, self.splatting) = (None, None, None);
-        self.shadowing = Ready::shadowing(&self.session, (world, changed.lights()), shadow_map_bytes_max);
+        // Where there were to be none what draws them is not compiled, or there was no room.
+        if self.shadowing.take().is_some() {
+            let lit = (world, changed.lights());
+            self.shadowing = Ready::shadowing(&self.session, lit, shadow_map_bytes_max);
+        }
+        (self.lookouts, self.splatting) = (None, None);
         Ok(true)
     }
 }
