@@ -8,7 +8,8 @@ use super::*;
 use crate::{
     math::Rgb,
     scene::{
-        Environment, Light, LightKind, Material, Texels, Texture, TextureRef, TextureSlot,
+        Environment, Light, LightKind, Material, SceneBuilder, SceneLimits, Texels, Texture, TextureRef,
+        TextureSlot,
         samples::{self, Stage},
     },
 };
@@ -110,5 +111,60 @@ fn the_strongest_lights_are_packed_as_finite_numbers() {
     for node in nodes {
         let numbers = [node.low, node.high, node.axis, [node.intensity, node.cos_normals, node.cos_emission]];
         assert!(numbers.as_flattened().iter().all(|number| number.is_finite()), "{node:?}");
+    }
+}
+
+/// What is to be brought after an edit of lights and materials is what the scene packed anew has of them, and of all else that has it is what
+/// was there; of no other edit anything is told.
+#[test]
+fn edits_of_appearance_change_nothing_else() {
+    let mut stage = Stage::default();
+    let sky = Texels::Rgba32F(vec![[1.0; 4]; 2]);
+    stage.builder().add_texture(id("sky"), Texture { width: 2, height: 1, texels: sky }).unwrap();
+    for (name, texel_count) in [("small", 3), ("large", 50)] {
+        stage.builder().add_texture(id(name), texture(texel_count)).unwrap();
+        ball(&mut stage, name, painted(name));
+    }
+    ball(&mut stage, "lamp", Material::emitter(Rgb::WHITE));
+    let kind = LightKind::Point { intensity: Rgb::WHITE };
+    let point = Light { parent: None, position: DVec3::splat(2.0), direction: DVec3::Y, kind };
+    stage.light("point", point.clone()).unwrap();
+    let under = |turn: f32| Environment::Image { texture: id("sky"), scale: Rgb::WHITE, rotation_rad: turn };
+    stage.builder().set_environment(under(0.0)).unwrap();
+    let scene = stage.finish();
+    let before = World::prepare(Arc::new(scene.clone()));
+    let packed_before = before.upload();
+    type Edit<'a> = &'a dyn Fn(&mut SceneBuilder);
+    let material = |name: &'static str, material: Material| {
+        move |builder: &mut SceneBuilder| builder.set_material(id(name), material.clone()).unwrap()
+    };
+    let moved = DAffine3::from_translation(DVec3::X);
+    let edits: [(&str, Edit<'_>, bool); 11] = [
+        ("nothing", &|_| (), true),
+        ("a lamp", &material("lamp", Material::emitter(Rgb::splat(7.0))), true),
+        ("a light goes", &|builder| builder.remove_light("point").unwrap(), true),
+        ("a light comes", &|builder| builder.add_light(id("other"), point.clone()).unwrap(), true),
+        ("the sky turns", &|builder| builder.set_environment(under(1.0)).unwrap(), true),
+        ("the sky goes", &|builder| builder.set_environment(Environment::None).unwrap(), false),
+        ("a colour", &material("small", Material { base_color: Rgb::BLACK, ..painted("small") }), true),
+        ("another texture", &material("small", painted("large")), false),
+        ("a lamp is off", &material("lamp", Material::emitter(Rgb::BLACK)), false),
+        ("a gloss", &material("small", Material { metallic: 1.0, ..painted("small") }), false),
+        ("a thing moves", &|builder| builder.set_transform("small", moved).unwrap(), false),
+    ];
+    for (what, edit, is_told) in edits {
+        let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+        edit(&mut builder);
+        let (scene, change) = builder.finish();
+        let after = before.update(Arc::new(scene), &change);
+        let packed = after.upload();
+        let appearance = after.appearance_after(&before);
+        assert_eq!(appearance.is_some(), is_told, "{what}");
+        if let Some(appearance) = appearance {
+            assert!(appearance == packed.appearance, "{what}");
+            assert_eq!(appearance != packed_before.appearance, what != "nothing", "{what}");
+            let rest = WorldBuffers { appearance: packed_before.appearance.clone(), ..packed };
+            assert!(rest == packed_before && after.accel().upload() == before.accel().upload(), "{what}");
+        }
     }
 }
