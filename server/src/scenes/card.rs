@@ -150,7 +150,9 @@ impl SceneOnCard {
             self.leave();
             return;
         }
-        if (self.since.is_none() || self.light_revision != snapshot.light_revision) && !self.go_on(snapshot) {
+        if (self.since.is_none() || self.light_revision != snapshot.light_revision)
+            && !self.go_on(snapshot, workshop)
+        {
             // While the first scene is awaited there is nothing to settle.
             let settled = if self.since.is_none() { Instant::now().checked_sub(SETTLED) } else { None };
             self.leave();
@@ -217,25 +219,23 @@ impl SceneOnCard {
     }
 
     /// Goes on with what is on the card, where that has not to be compiled anew and takes no longer than a pass may wait.
-    fn go_on(&mut self, snapshot: &Snapshot) -> bool {
+    fn go_on(&mut self, snapshot: &Snapshot, workshop: &Workshop) -> bool {
         // What had no room is not tried again with every picture.
         let goes_on = matches!(self.stage, Stage::Ready)
             && !self.refuses_light
             && (self.has_focused || !snapshot.plan.is_on(EffectKind::Caustics));
         let Some(scene) = self.scene.as_ref().filter(|_| goes_on) else { return false };
-        match scene.followed(&snapshot.world, self.followed_seconds) {
-            Ok(Some(next)) => {
-                self.scene = Some(Arc::new(next));
-                self.worlds = vec![Arc::downgrade(&snapshot.world)];
-                self.light_revision = snapshot.light_revision;
-                true
-            }
-            Ok(None) => false,
-            Err(error) => {
-                tracing::debug!(%error, "the scene is brought to the graphics card anew");
-                false
-            }
+        let seconds_max = self.followed_seconds;
+        let followed = workshop.drawing_pool.install(|| scene.followed(&snapshot.world, seconds_max));
+        match followed {
+            Ok(Some(next)) => self.scene = Some(Arc::new(next)),
+            // By itself it may have room.
+            Ok(None) | Err(GpuError::OutOfMemory { .. }) => return false,
+            Err(error) => self.note_failure(&error, workshop),
         }
+        self.worlds = vec![Arc::downgrade(&snapshot.world)];
+        (self.light_revision, self.since) = (snapshot.light_revision, Some(Instant::now()));
+        true
     }
 
     fn begin(&mut self, snapshot: &Snapshot, workshop: &Workshop) {

@@ -12,7 +12,7 @@ use lumicast_engine::{
     film::PictureSize,
     gpu::{AdapterKind, Binding, Gpu, GpuHit, GpuRay, GpuShadowRay, GpuTrees, Masks, Session, Step},
 };
-use lumicast_shaders::{CLOSEST, OCCLUDED};
+use lumicast_shaders::{CLOSEST, Constant, OCCLUDED};
 use rayon::prelude::*;
 
 use crate::{
@@ -129,15 +129,18 @@ fn on_cpu(accel: &Accel, question: Question, kind: Kind, rays: &[Ray]) -> Timed 
 struct Card {
     session: Arc<Session>,
     trees: GpuTrees,
+    constants: [(&'static str, Constant); 2],
     repeats: u32,
 }
 
 impl Card {
     fn new(gpu: &Gpu, accel: &Accel) -> Result<Card, Box<dyn Error>> {
         let session = gpu.session()?;
-        let trees = GpuTrees::new(&session, &accel.upload())?;
+        let packed = accel.upload();
+        let (trees, constants) =
+            (GpuTrees::new(&session, &packed)?, GpuTrees::constants(&packed, Masks::None));
         let repeats = if gpu.report().kind == AdapterKind::Software { 1 } else { CARD_REPEATS };
-        Ok(Card { session, trees, repeats })
+        Ok(Card { session, trees, constants, repeats })
     }
 
     fn prepare(&self, question: Question, rays: &[Ray]) -> Result<OnCard<'_>, Box<dyn Error>> {
@@ -169,7 +172,7 @@ impl Card {
         let session = &self.session;
         let of_trees = GpuTrees::layout(session)?;
         let of_rays = session.layout(&[Binding::Read, Binding::Write])?;
-        let pipeline = session.pipeline(step, &self.trees.constants(Masks::None), &[&of_trees, &of_rays])?;
+        let pipeline = session.pipeline(step, &self.constants, &[&of_trees, &of_rays])?;
         let input = session.buffer_of("rays", rays)?;
         let output = session.buffer_zeroed("answers", (rays.len() * answer_bytes) as u64)?;
         let groups = [self.trees.bind(session)?, session.bind(&of_rays, &[&input, &output])?];

@@ -2,10 +2,11 @@
 
 use std::{error::Error, sync::Arc, time::Instant};
 
+use glam::DVec3;
 use lumicast_engine::{
     gpu::{Gpu, GpuTrees},
     math::Rgb,
-    scene::{Environment, SceneBuilder, SceneLimits},
+    scene::{Id, Light, LightKind, SceneBuilder, SceneLimits},
     technique::path::{Asked, GpuScene, Shading},
     transport::World,
 };
@@ -58,9 +59,11 @@ pub(crate) fn measure(
 
 /// Milliseconds that the scene takes to follow edits of its light, and to be ready to draw.
 fn relit(world: &Arc<World>, on_card: GpuScene, rounds: usize) -> Result<Vec<f64>, Box<dyn Error>> {
-    let under = |sky: f32| -> Result<Arc<World>, Box<dyn Error>> {
+    let under = |strength: f32| -> Result<Arc<World>, Box<dyn Error>> {
         let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
-        builder.set_environment(Environment::Constant(Rgb::splat(sky)))?;
+        let kind = LightKind::Point { intensity: Rgb::splat(strength) };
+        let point = Light { parent: None, position: DVec3::Y, direction: DVec3::NEG_Y, kind };
+        builder.add_light(Id::new("one more").ok_or("no name for a light")?, point)?;
         let (scene, change) = builder.finish();
         Ok(Arc::new(world.update(Arc::new(scene), &change)))
     };

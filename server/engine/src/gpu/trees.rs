@@ -121,7 +121,6 @@ pub struct GpuTrees {
     instances: Buffer,
     triangles: Buffer,
     header: Buffer,
-    stack_size: u32,
 }
 
 impl GpuTrees {
@@ -141,7 +140,6 @@ impl GpuTrees {
             instances: session.buffer_of("instances", &trees.instances)?,
             triangles: session.buffer_of("triangles", &trees.triangles)?,
             header: session.buffer_of("header of the trees", &[header])?,
-            stack_size: stack_size_of(trees.stack_need),
         })
     }
 
@@ -151,8 +149,9 @@ impl GpuTrees {
     }
 
     /// The constants that `accel/tree.wgsl` wants: `STACK_SIZE`, and `HAS_MASKS` as the scene has masks.
-    pub fn constants(&self, masks: Masks) -> [(&'static str, Constant); 2] {
-        [("STACK_SIZE", Constant::U32(self.stack_size)), ("HAS_MASKS", Constant::Bool(masks == Masks::Asked))]
+    pub fn constants(trees: &AccelBuffers, masks: Masks) -> [(&'static str, Constant); 2] {
+        let stack_size = stack_size_of(trees.stack_need);
+        [("STACK_SIZE", Constant::U32(stack_size)), ("HAS_MASKS", Constant::Bool(masks == Masks::Asked))]
     }
 
     /// The layout of a group that holds the trees and no more.

@@ -209,10 +209,12 @@ impl Rendering {
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
         self.splat_seconds += self.technique.splat_seconds();
+        let asked = self.technique.asks();
         self.technique = tracer(&self.settings, self.looked_up, self.learnt, known);
-        // Caustics of their own do not depend on what is known, but on the scene.
-        let classes: &[PathClass] = match (&self.caustics, outdated) {
-            (Some(_), Outdated::Rough) => &[PathClass::Indirect],
+        // Caustics of their own do not depend on what is known, but on the scene; path-traced ones are far noisier.
+        let has_own_caustics = self.caustics.is_some() && asked && self.technique.asks();
+        let classes: &[PathClass] = match outdated {
+            Outdated::Rough if has_own_caustics => &[PathClass::Indirect],
             _ => &[PathClass::Indirect, PathClass::Caustic],
         };
         self.film.outdate(classes, outdated);

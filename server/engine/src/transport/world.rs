@@ -12,7 +12,7 @@ use super::{
     surface::PreparedMaterial,
 };
 use crate::{
-    accel::{Accel, AccelReport, Hit, Ray, SurfacePoint, TriangleId},
+    accel::{Accel, AccelReport, Hit, Instance, Ray, SurfacePoint, TriangleId},
     math::Rgb,
     scene::{Id, NestedBounds, Scene, SceneChange},
     transport::LightOrigin,
@@ -135,6 +135,14 @@ impl World {
             mesh_bytes: self.scene.meshes().values().map(|mesh| mesh.bytes()).sum(),
             texture_bytes: self.scene.textures().values().map(|texture| texture.bytes()).sum(),
         }
+    }
+
+    /// Bytes of meshes, of what places them and of textures, about: what is packed for a card grows with them.
+    pub fn surface_bytes(&self) -> usize {
+        let meshes = self.scene.meshes().values().map(|mesh| mesh.bytes());
+        let textures = self.scene.textures().values().map(|texture| texture.bytes());
+        let placed = self.accel.instances().len() * size_of::<Instance>();
+        meshes.chain(textures).sum::<usize>() + placed
     }
 
     /// Every material, by the index that [`World::materials_of`] gives.

@@ -53,7 +53,7 @@ fn scenes_stay_on_the_card_while_they_are_edited() {
     while !matches!(on_card.stage, Stage::Ready) {
         assert!(start.elapsed() < Duration::from_secs(120), "{on_card:?}");
         on_card.follow(&now, &workshop, true);
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::yield_now();
     }
     let mut picture = picture_of(&now);
     assert!(is_drawn_on(&on_card, &mut picture));

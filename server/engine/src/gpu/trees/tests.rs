@@ -28,11 +28,13 @@ const TOLERANCES: f64 = 2.0;
 struct Walker {
     session: Arc<Session>,
     trees: GpuTrees,
+    buffers: AccelBuffers,
 }
 
 impl Walker {
     fn new(session: &Arc<Session>, buffers: &AccelBuffers) -> Walker {
-        Walker { session: Arc::clone(session), trees: GpuTrees::new(session, buffers).unwrap() }
+        let trees = GpuTrees::new(session, buffers).unwrap();
+        Walker { session: Arc::clone(session), trees, buffers: buffers.clone() }
     }
 
     /// What a step writes for each of `inputs`, and the seconds that it took on the device.
@@ -44,7 +46,7 @@ impl Walker {
         let session = &self.session;
         let of_trees = GpuTrees::layout(session).unwrap();
         let of_rays = session.layout(&[Binding::Read, Binding::Write]).unwrap();
-        let constants = self.trees.constants(masks);
+        let constants = GpuTrees::constants(&self.buffers, masks);
         let pipeline = session.pipeline(step, &constants, &[&of_trees, &of_rays]).unwrap();
         let input = session.buffer("rays", bytemuck::cast_slice(inputs)).unwrap();
         let byte_count = inputs.len().max(1) * size_of::<O>();

@@ -140,6 +140,7 @@ pub(in crate::transport) fn kind_flag(texture: &Texture) -> u32 {
 }
 
 impl WorldFeatures {
+    /// What a scene calls for.
     fn of(world: &World) -> WorldFeatures {
         let is_made_of =
             |what: fn(&Material) -> bool| world.materials().iter().any(|material| what(material.material()));
@@ -172,15 +173,19 @@ impl World {
         }
     }
 
+    /// Bytes of what surfaces look like and lights send out, about.
+    pub fn appearance_bytes(&self) -> usize {
+        size_of_val(self.materials()) + self.lights().bytes()
+    }
+
     /// What is to be uploaded in place of the [same](super::WorldBuffers::appearance) of an earlier state of the scene; `None` where more
-    /// than that differs: things moved, came or went, another texture or kind of material is there, or other triangles emit.
+    /// than that differs: things moved, came or went, another texture is there, or other triangles emit.
     pub fn appearance_after(&self, before: &World) -> Option<AppearanceBuffers> {
         let textures = PlacedTextures::of(self);
         let is_alike = self.accel().is_like(before.accel())
             && self.is_made_like(before)
             && (0..self.accel().instances().len())
                 .all(|instance| self.lights().emits_like(before.lights(), instance))
-            && WorldFeatures::of(self) == WorldFeatures::of(before)
             && textures.is_like(&PlacedTextures::of(before));
         is_alike.then(|| self.appearance(&textures))
     }

@@ -7,7 +7,7 @@ use std::sync::{
 
 use super::{
     scene::{GpuScene, Ready},
-    world::{GpuWorld, PackedScene},
+    world::{GpuWorld, PackedScene, constants_of},
 };
 use crate::{
     gpu::{GpuError, locked},
@@ -31,71 +31,88 @@ impl Changed {
     }
 }
 
+/// Appearances of fewer bytes are brought whatever that takes: a few milliseconds.
+const APPEARANCE_BYTES_MAX: usize = 4 << 20;
+
+/// First passes shown after an edit before maps of shadows are drawn anew: whoever drags a lamp would have them drawn for a picture or two.
+const MAPS_FROM: u32 = 8;
+
 impl Ready {
+    /// Steps that are compiled do for the scene as it is now.
+    fn does_for(&self, changed: &Changed) -> bool {
+        match changed {
+            Changed::Appearance(packed) => self.world.does_for_appearance(packed),
+            Changed::Scene(packed) => self.world.does_for(&constants_of(packed)),
+        }
+    }
+
     /// Holds the scene as it is now. Maps of shadows, if there were to be any, and what else was drawn of it are drawn again once they are
-    /// asked for. False, and all stays as it is, where steps would have to be compiled anew.
+    /// asked for.
     fn follow(
         &mut self,
         world: &World,
         changed: &Changed,
         shadow_map_bytes_max: u64,
-    ) -> Result<bool, GpuError> {
+    ) -> Result<(), GpuError> {
         self.session.check()?;
+        // Before there are two scenes for a moment.
+        (self.shadowing, self.lookouts, self.splatting) = (None, None, None);
         match changed {
             Changed::Appearance(packed) => self.world.take_on(&self.session, packed)?,
             Changed::Scene(packed) => {
                 let next = GpuWorld::new(&self.session, packed)?;
-                if next.constants != self.world.constants {
-                    return Ok(false);
-                }
-                self.world = next;
+                let constants = std::mem::take(&mut self.world.constants);
+                // What it takes on a busy machine is more than it takes.
+                let seconds_per_byte = next.seconds_per_byte.min(self.world.seconds_per_byte);
+                self.world = GpuWorld { constants, seconds_per_byte, ..next };
             }
         }
-        // Where there were to be none what draws them is not compiled, or there was no room.
-        if self.shadowing.take().is_some() {
+        if let Some(raster) = self.map_raster.take() {
+            self.map_raster = Some(raster.of_changed(&self.session, &self.world)?);
+        }
+        if self.draws_maps {
             let lit = (world, changed.lights());
             self.shadowing = Ready::shadowing(&self.session, lit, shadow_map_bytes_max);
         }
-        (self.lookouts, self.splatting) = (None, None);
-        Ok(true)
+        Ok(())
     }
 }
 
 impl GpuScene {
     /// The scene as it is now, with all that is on the card of this one, which is withdrawn: places for paths, light that is known, compiled
-    /// steps. Where lights and materials alone differ ([`World::appearance_after`]) they are brought, else surfaces and trees as well. `None`,
-    /// and all stays as it is, where that would take long, other steps, or where nothing is there.
+    /// steps. Where lights and materials alone differ ([`World::appearance_after`]) they are brought, else surfaces and trees as well, for which
+    /// there must be room beside those that are there. `None`, and all stays as it is, where that would take long, other steps, or where nothing
+    /// is there.
     ///
-    /// - `seconds_max`: that bringing all may take, by what it took last
+    /// - `seconds_max`: that bringing much may take, by what it took before
     ///
     /// Errors: what the card does not do; then this one is withdrawn.
     pub fn followed(&self, world: &Arc<World>, seconds_max: f64) -> Result<Option<GpuScene>, GpuError> {
-        let is_soon = || {
-            let held = locked(&self.ready);
-            held.as_ref().is_some_and(|ready| ready.world.brought_seconds <= seconds_max)
+        let Some(seconds_per_byte) = locked(&self.ready).as_ref().map(|ready| ready.world.seconds_per_byte)
+        else {
+            return Ok(None);
         };
-        let changed = match world.appearance_after(&self.world) {
+        let is_soon = |bytes: usize| seconds_per_byte * bytes as f64 <= seconds_max;
+        let appearance_bytes = world.appearance_bytes();
+        let is_appearance_soon = appearance_bytes <= APPEARANCE_BYTES_MAX || is_soon(appearance_bytes);
+        let appearance = is_appearance_soon.then(|| world.appearance_after(&self.world)).flatten();
+        let changed = match appearance {
             Some(appearance) => Changed::Appearance(appearance),
-            None if is_soon() => Changed::Scene(Box::new(PackedScene::of(world))),
+            None if is_soon(world.surface_bytes() + appearance_bytes) => {
+                Changed::Scene(Box::new(PackedScene::of(world)))
+            }
             None => return Ok(None),
         };
         let frame = locked(&self.frame).take();
         let mut held = locked(&self.ready).take();
-        let followed = match &mut held {
-            Some(ready) => ready.follow(world, &changed, self.gpu.options().shadow_map_bytes_max),
-            None => Ok(false),
+        let Some(ready) = held.as_mut().filter(|ready| ready.does_for(&changed)) else {
+            (*locked(&self.frame), *locked(&self.ready)) = (frame, held);
+            return Ok(None);
         };
-        match followed {
-            Ok(true) => {}
-            Ok(false) => {
-                (*locked(&self.frame), *locked(&self.ready)) = (frame, held);
-                return Ok(None);
-            }
-            Err(error) => {
-                self.let_go(&mut held);
-                self.withdraw();
-                return Err(error);
-            }
+        if let Err(error) = ready.follow(world, &changed, self.gpu.options().shadow_map_bytes_max) {
+            self.let_go(&mut held);
+            self.withdraw();
+            return Err(error);
         }
         let next = GpuScene {
             frame: Mutex::new(frame),
@@ -105,6 +122,7 @@ impl GpuScene {
             losses: AtomicU32::new(self.losses.load(Ordering::Relaxed)),
             gone_shader_seconds: Mutex::new(*locked(&self.gone_shader_seconds)),
             ready: Mutex::new(held),
+            maps_from: MAPS_FROM,
             ..GpuScene::new(Arc::clone(&self.gpu), Arc::clone(world))
         };
         self.withdraw();

@@ -90,16 +90,33 @@ impl SceneRaster {
         world: &GpuWorld,
         raster: &'static Raster,
     ) -> Result<SceneRaster, GpuError> {
-        let trees_layout = session.raster_layout(&GpuTrees::BINDINGS)?;
-        let scene_layout = session.raster_layout(&GpuWorld::BINDINGS)?;
-        let layout = session.raster_layout(&[Binding::Read, Binding::Read])?;
-        let layouts = [&*trees_layout, &*scene_layout, &*layout];
+        let [trees, scene, layout] = SceneRaster::layouts(session)?;
+        let pipeline = session.raster_pipeline(raster, &world.constants, &[&trees, &scene, &layout])?;
+        SceneRaster::bound(session, world, pipeline)
+    }
+
+    /// The same steps for a scene that has changed.
+    pub(super) fn of_changed(self, session: &Session, world: &GpuWorld) -> Result<SceneRaster, GpuError> {
+        SceneRaster::bound(session, world, self.pipeline)
+    }
+
+    fn bound(session: &Session, world: &GpuWorld, pipeline: RasterPipeline) -> Result<SceneRaster, GpuError> {
+        let [trees, scene, layout] = SceneRaster::layouts(session)?;
         Ok(SceneRaster {
-            pipeline: session.raster_pipeline(raster, &world.constants, &layouts)?,
-            trees: session.bind(&trees_layout, &world.trees.buffers())?,
-            scene: session.bind(&scene_layout, &world.buffers.each_ref())?,
+            pipeline,
+            trees: session.bind(&trees, &world.trees.buffers())?,
+            scene: session.bind(&scene, &world.buffers.each_ref())?,
             layout,
         })
+    }
+
+    /// Of trees, scene, planes and draws.
+    fn layouts(session: &Session) -> Result<[Arc<Layout>; 3], GpuError> {
+        Ok([
+            session.raster_layout(&GpuTrees::BINDINGS)?,
+            session.raster_layout(&GpuWorld::BINDINGS)?,
+            session.raster_layout(&[Binding::Read, Binding::Read])?,
+        ])
     }
 }
 

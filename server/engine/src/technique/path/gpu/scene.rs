@@ -5,6 +5,8 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering},
 };
 
+use lumicast_shaders::SHADOW_MAP;
+
 use super::{
     BATCH_SECONDS, SOFTWARE_BATCH_SECONDS,
     known::{Asked, KnownOnCard, Lacking, LightBeside, PackedBeside, Shading},
@@ -33,6 +35,10 @@ pub(super) struct Ready {
     pub(super) splatting: Option<Splatting>,
     /// Maps of shadows, where there are to be any.
     pub(super) shadowing: Option<Shadowing>,
+    /// Where there are to be any, whatever lights there are by now: there were some when all was compiled, and there is room.
+    pub(super) draws_maps: bool,
+    /// What draws them, once that was asked for.
+    pub(super) map_raster: Option<SceneRaster>,
     /// Seconds of compiling shaders, also as far as the driver compiles them at first use.
     pub(super) shader_seconds: f64,
 }
@@ -53,7 +59,9 @@ impl Ready {
             known,
             lookouts: None,
             splatting: None,
+            draws_maps: shadowing.is_some(),
             shadowing,
+            map_raster: None,
             shader_seconds: 0.0,
         })
     }
@@ -120,8 +128,10 @@ impl Ready {
         let (session, world) = (&self.session, &self.world);
         let compiled = session.shader_seconds();
         let Some(paths) = &mut self.paths[PathStart::Pixels as usize] else { return Err(unprepared()) };
-        if let Some(shadowing) = &mut self.shadowing {
-            shadowing.be_able(session, world)?;
+        if self.shadowing.is_some() {
+            if self.map_raster.is_none() {
+                self.map_raster = Some(SceneRaster::new(session, world, &SHADOW_MAP)?);
+            }
             paths.be_able_to_ask_maps(session, world)?;
         }
         self.shader_seconds += session.shader_seconds() - compiled;
@@ -131,14 +141,17 @@ impl Ready {
     /// Has maps of shadows, where there are to be any.
     pub(super) fn draw_maps(&mut self, world: &World) -> Result<(), GpuError> {
         self.be_able_to_map()?;
-        match &mut self.shadowing {
-            Some(shadowing) => shadowing.draw(&self.session, world, &self.world.triangle_counts),
-            None => Ok(()),
+        match (&mut self.shadowing, &self.map_raster) {
+            (Some(shadowing), Some(raster)) => {
+                shadowing.draw((&self.session, raster), world, &self.world.triangle_counts)
+            }
+            _ => Ok(()),
         }
     }
 
     /// Gives the memory of maps of shadows back, and draws none before the scene is brought again. True if there were any.
     pub(super) fn let_maps_go(&mut self) -> bool {
+        (self.draws_maps, self.map_raster) = (false, None);
         self.shadowing.take().is_some_and(|shadowing| shadowing.maps().is_some())
     }
 
@@ -178,6 +191,8 @@ pub struct GpuScene {
     pub(super) frames_refused_from: AtomicUsize,
     /// First passes that it has shown.
     pub(super) first_shown: AtomicU32,
+    /// First passes to be shown before maps of shadows are asked.
+    pub(super) maps_from: u32,
     /// A device was lost over maps of shadows: no other is to be.
     pub(super) has_lost_by_maps: AtomicBool,
     /// Passes since one was shown so.
@@ -201,6 +216,7 @@ impl GpuScene {
             frame: Mutex::default(),
             frames_refused_from: AtomicUsize::new(usize::MAX),
             first_shown: AtomicU32::new(0),
+            maps_from: 1,
             has_lost_by_maps: AtomicBool::new(false),
             passes_unshown: AtomicU32::new(0),
             pixels_at_once: AtomicU32::new(SLICE_MIN),

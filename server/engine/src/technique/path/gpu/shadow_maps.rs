@@ -12,7 +12,7 @@ use std::{
 };
 
 use glam::Vec3;
-use lumicast_shaders::{Constant, SHADOW_MAP};
+use lumicast_shaders::Constant;
 
 #[cfg(test)]
 pub(super) use self::planes::GpuShadowPlane;
@@ -20,7 +20,6 @@ pub(super) use self::planes::{MapSides, ShadowPlanes};
 use super::{
     lookouts::{BEHIND_ROOM, SceneRaster, corners_of_instance},
     scene::{GpuScene, Ready},
-    world::GpuWorld,
 };
 use crate::{
     gpu::{BindGroup, Binding, Buffer, Draw, GpuError, Layout, Overlap, Session, Target},
@@ -115,8 +114,7 @@ impl ShadowMaps {
 #[derive(Debug)]
 pub(super) struct Shadowing {
     pub(super) planes: ShadowPlanes,
-    /// Once somebody asked for it.
-    drawing: Option<SceneRaster>,
+    /// Once somebody asked for them.
     maps: Option<ShadowMaps>,
 }
 
@@ -129,27 +127,17 @@ impl Shadowing {
         bytes_max: u64,
     ) -> Option<Shadowing> {
         let planes = ShadowPlanes::of(world, lights, sides, bytes_max)?;
-        Some(Shadowing { planes, drawing: None, maps: None })
+        Some(Shadowing { planes, maps: None })
     }
 
-    /// What draws them is compiled.
-    pub(super) fn be_able(&mut self, session: &Session, world: &GpuWorld) -> Result<(), GpuError> {
-        if self.drawing.is_none() {
-            self.drawing = Some(SceneRaster::new(session, world, &SHADOW_MAP)?);
-        }
-        Ok(())
-    }
-
-    /// Has them drawn; after [`Shadowing::be_able`].
+    /// Has them drawn.
     pub(super) fn draw(
         &mut self,
-        session: &Arc<Session>,
+        (session, drawing): (&Arc<Session>, &SceneRaster),
         world: &World,
         triangle_counts: &[u32],
     ) -> Result<(), GpuError> {
-        if self.maps.is_none()
-            && let Some(drawing) = &self.drawing
-        {
+        if self.maps.is_none() {
             self.maps = Some(ShadowMaps::drawn((session, drawing), world, triangle_counts, &self.planes)?);
         }
         Ok(())
@@ -180,11 +168,11 @@ impl GpuScene {
         if self.is_software { Shadows::ByRays } else { Shadows::ByMaps }
     }
 
-    /// The same of the one that begins: maps from the second on, since a scene that is edited from picture to picture would have them drawn for
-    /// one alone.
+    /// The same of the one that begins: maps from the second on, of a scene that has followed an edit from the ninth on, since one that is
+    /// edited from picture to picture would have them drawn for one alone.
     pub(super) fn shadows_of_first(&self) -> Shadows {
-        let is_second = self.first_shown.load(Ordering::Relaxed) > 0;
-        if is_second && !self.has_lost_by_maps.load(Ordering::Relaxed) {
+        let is_asked = self.first_shown.load(Ordering::Relaxed) >= self.maps_from;
+        if is_asked && !self.has_lost_by_maps.load(Ordering::Relaxed) {
             Shadows::ByMaps
         } else {
             Shadows::ByRays
@@ -232,8 +220,12 @@ impl GpuScene {
             // Not both at once.
             shadowing.maps = None;
             let start = Instant::now();
-            shadowing.draw(&ready.session, &self.world, &ready.world.triangle_counts)?;
-            let Some(maps) = shadowing.maps() else { return Ok(None) };
+            ready.draw_maps(&self.world)?;
+            let Some((shadowing, maps)) =
+                ready.shadowing.as_ref().and_then(|shadowing| Some((shadowing, shadowing.maps()?)))
+            else {
+                return Ok(None);
+            };
             // A word is there once all of it is.
             ready.session.read(&maps.nearnesses, 0..size_of::<f32>() as u64)?;
             let card_seconds = start.elapsed().as_secs_f64();

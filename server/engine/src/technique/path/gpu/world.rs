@@ -18,7 +18,7 @@ use crate::{
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{
-        AppearanceBuffers, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
+        AppearanceBuffers, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers, WorldFeatures,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
 };
@@ -36,8 +36,8 @@ pub(super) struct GpuWorld {
     pub(super) constants: Vec<(&'static str, Constant)>,
     /// Of each instance.
     pub(super) triangle_counts: Vec<u32>,
-    /// Seconds of packing it and bringing it.
-    pub(super) brought_seconds: f64,
+    /// Of packing it and bringing it, by [`World::surface_bytes`].
+    pub(super) seconds_per_byte: f64,
 }
 
 /// A scene in words. Packing takes threads, and so is not done with a lock held.
@@ -49,6 +49,8 @@ pub(super) struct PackedScene {
     triangle_counts: Vec<u32>,
     /// Seconds of packing.
     seconds: f64,
+    /// [`World::surface_bytes`].
+    surface_bytes: usize,
 }
 
 impl PackedScene {
@@ -61,8 +63,8 @@ impl PackedScene {
         };
         let instances = world.accel().instances().iter();
         let triangle_counts = instances.map(|instance| count_of(instance.mesh_id())).collect();
-        let world = world.upload();
-        PackedScene { triangle_counts, trees, world, seconds: start.elapsed().as_secs_f64() }
+        let (surface_bytes, world) = (world.surface_bytes(), world.upload());
+        PackedScene { triangle_counts, trees, world, seconds: start.elapsed().as_secs_f64(), surface_bytes }
     }
 
     /// As shaders number them.
@@ -86,7 +88,8 @@ impl GpuWorld {
 
     pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
         let start = Instant::now();
-        let PackedScene { trees, world: packed, triangle_counts, seconds } = packed;
+        let constants = constants_of(packed);
+        let PackedScene { trees, world: packed, triangle_counts, seconds, surface_bytes } = packed;
         let trees = GpuTrees::new(session, trees)?;
         let [header, materials, tables, lights, light_nodes] = appearance_of(session, &packed.appearance)?;
         let placements = session.buffer_of("placements", &packed.placements)?;
@@ -95,27 +98,6 @@ impl GpuWorld {
         let buffers = [header, placements, geometry, materials, texels, tables, lights, light_nodes];
         let layout = session.layout(&GpuWorld::BINDINGS)?;
         let group = session.bind(&layout, &buffers.each_ref())?;
-        let features = packed.appearance.features;
-        let mut constants = vec![
-            ("HAS_TEXTURES", Constant::Bool(features.has_textures)),
-            ("HAS_GLASS", Constant::Bool(features.has_glass)),
-            ("HAS_GLTF", Constant::Bool(features.has_gltf)),
-            ("HAS_SKY_PICTURE", Constant::Bool(features.has_sky_picture)),
-            ("WORKGROUP", Constant::U32(WORKGROUP)),
-            ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
-            ("FLOAT_MAX", Constant::F32(f32::MAX)),
-            ("GAMMA_5", Constant::F32(GAMMA_5)),
-            ("GAMMA_19", Constant::F32(GAMMA_19)),
-            ("BOUNCES_END", Constant::U32(BOUNCES_END)),
-            ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
-            ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
-            ("LIKE_COS", Constant::F32(LIKE_COS)),
-            ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
-            ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
-        ];
-        constants.extend(constants_of_maps());
-        constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
-        constants.extend(trees.constants(if features.has_masks { Masks::Asked } else { Masks::None }));
         let (trees_group, trees_layout) = (trees.bind(session)?, GpuTrees::layout(session)?);
         Ok(GpuWorld {
             trees,
@@ -126,9 +108,43 @@ impl GpuWorld {
             layout,
             constants,
             triangle_counts: triangle_counts.clone(),
-            brought_seconds: seconds + start.elapsed().as_secs_f64(),
+            seconds_per_byte: (seconds + start.elapsed().as_secs_f64()) / (*surface_bytes).max(1) as f64,
         })
     }
+}
+
+/// What steps are compiled with for a scene.
+pub(super) fn constants_of(packed: &PackedScene) -> Vec<(&'static str, Constant)> {
+    let features = packed.world.appearance.features;
+    let masks = if features.has_masks { Masks::Asked } else { Masks::None };
+    let mut constants = vec![
+        ("WORKGROUP", Constant::U32(WORKGROUP)),
+        ("SMOOTH_ALPHA", Constant::F32(SMOOTH_ALPHA)),
+        ("FLOAT_MAX", Constant::F32(f32::MAX)),
+        ("GAMMA_5", Constant::F32(GAMMA_5)),
+        ("GAMMA_19", Constant::F32(GAMMA_19)),
+        ("BOUNCES_END", Constant::U32(BOUNCES_END)),
+        ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
+        ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
+        ("LIKE_COS", Constant::F32(LIKE_COS)),
+        ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
+        ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
+    ];
+    constants.extend(constants_of_features(features));
+    constants.extend(constants_of_maps());
+    constants.extend(TEXTURE_FLAGS.map(|(name, value)| (name, Constant::U32(value))));
+    constants.extend(GpuTrees::constants(&packed.trees, masks));
+    constants
+}
+
+/// What of them surfaces and lights call for, but for masks.
+fn constants_of_features(features: WorldFeatures) -> [(&'static str, Constant); 4] {
+    [
+        ("HAS_TEXTURES", Constant::Bool(features.has_textures)),
+        ("HAS_GLASS", Constant::Bool(features.has_glass)),
+        ("HAS_GLTF", Constant::Bool(features.has_gltf)),
+        ("HAS_SKY_PICTURE", Constant::Bool(features.has_sky_picture)),
+    ]
 }
 
 /// Buffers of what surfaces look like and lights send out: header, materials, tables, lights, their nodes.
@@ -143,6 +159,26 @@ fn appearance_of(session: &Session, packed: &AppearanceBuffers) -> Result<[Buffe
 }
 
 impl GpuWorld {
+    /// Steps that are compiled for this do for a scene that calls for those: what it does not call for costs them time and nothing else, and so
+    /// does a larger stack.
+    pub(super) fn does_for(&self, asked: &[(&'static str, Constant)]) -> bool {
+        let does = |(name, asked): &(&str, Constant)| {
+            let own = self.constants.iter().find(|(other, _)| other == name).map(|(_, own)| *own);
+            match (own, *asked) {
+                (Some(Constant::Bool(own)), Constant::Bool(asked)) => own || !asked,
+                (Some(Constant::U32(own)), Constant::U32(asked)) if *name == "STACK_SIZE" => own >= asked,
+                (own, asked) => own == Some(asked),
+            }
+        };
+        asked.iter().all(does)
+    }
+
+    /// The same for an appearance.
+    pub(super) fn does_for_appearance(&self, packed: &AppearanceBuffers) -> bool {
+        let masks = [("HAS_MASKS", Constant::Bool(packed.features.has_masks))];
+        self.does_for(&constants_of_features(packed.features)) && self.does_for(&masks)
+    }
+
     /// Takes on another appearance; see [`World::appearance_after`].
     pub(super) fn take_on(&mut self, session: &Session, packed: &AppearanceBuffers) -> Result<(), GpuError> {
         let [header, materials, tables, lights, light_nodes] = appearance_of(session, packed)?;

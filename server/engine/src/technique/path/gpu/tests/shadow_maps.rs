@@ -100,9 +100,9 @@ fn drawn(scene: &GpuScene, sides: MapSides) -> (ShadowPlanes, Vec<f32>) {
     let mut held = scene.ready().unwrap();
     let ready = held.as_mut().unwrap();
     let shadowing = Shadowing::of(&scene.world, &lights, sides, u64::MAX).unwrap();
-    let shadowing = ready.shadowing.insert(shadowing);
-    shadowing.be_able(&ready.session, &ready.world).unwrap();
-    shadowing.draw(&ready.session, &scene.world, &ready.world.triangle_counts).unwrap();
+    ready.shadowing = Some(shadowing);
+    ready.draw_maps(&scene.world).unwrap();
+    let shadowing = ready.shadowing.as_ref().unwrap();
     let nearnesses = &shadowing.maps().unwrap().nearnesses;
     let bytes = ready.session.read(nearnesses, 0..nearnesses.byte_count()).unwrap();
     (shadowing.planes.clone(), bytemuck::pod_collect_to_vec(&bytes))
