@@ -345,6 +345,45 @@ fn chains_take_no_sketch_before_anything_is_known() {
     assert!(!takes(Indirect::Auto) && !takes(Indirect::Path) && !takes(Indirect::None));
 }
 
+/// Caustics that were path-traced before anything was known, and are far noisier than those by photons, hardly count once these come.
+#[test]
+fn path_traced_caustics_give_way_to_photons() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let plan = EffectPlan::of(world.scene());
+    let learning = Learning::Alongside { until: None };
+    let settings = RenderSettings { indirect: Indirect::Octree, learning, ..RenderSettings::default() };
+    let mut of = IlluminationSettings::of(&settings);
+    of.photons.emitted_count = 64_000;
+    let mut learner = Learner::new(Learnt::Octree, &settings, of);
+    let never = AtomicBool::new(false);
+    while learner.known().is_none() {
+        learner.step(&world, &never);
+    }
+    let known = learner.known().cloned();
+    let drawn = |known: Option<Arc<dyn SecondaryLight>>| {
+        let size = PictureSize::new(48, 36).unwrap();
+        let view = world.scene().default_view();
+        Rendering::with((world.clone(), &plan), view, size, settings, known)
+    };
+    let until = |rendering: &mut Rendering, passes: u32| {
+        while rendering.passes() < passes {
+            rendering.step(&never);
+        }
+        rendering.film().layer(PathClass::Caustic)
+    };
+    let truth = until(&mut drawn(known.clone()), 64);
+    let off = |layer: &[Rgb]| {
+        let squares = layer.iter().zip(&truth).map(|(a, b)| (a.luminance() - b.luminance()).powi(2));
+        squares.sum::<f32>().sqrt()
+    };
+    let mut rendering = drawn(None);
+    let traced = off(&until(&mut rendering, 16));
+    rendering.relight(known, Outdated::Rough);
+    let relit = off(&until(&mut rendering, 22));
+    // Two samples' worth of eight stay of what were sixteen of 22.
+    assert!(relit < 0.5 * traced, "{relit} of {traced}");
+}
+
 /// What is known of the light of a scene before an edit shows no caustics in one that has nothing to focus light any more.
 #[test]
 fn known_light_brings_no_caustics_where_nothing_focuses() {
