@@ -20,9 +20,10 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::SeqCst};
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
 
-/// The first pass after an edit may wait for so many seconds for a scene to be brought to the card once more; one that took longer last …
+/// The first pass after an edit may wait for so many seconds for a scene to be brought to the card once more; one that is to take longer, by
+/// what it took before …
 const FOLLOWED_SECONDS: f64 = 0.05;
-/// … is brought once it was left alone for so long, unless nothing but its light changes: who drags a thing changes it with every picture.
+/// … is brought once it was left alone for so long, unless lights and materials alone change: who drags a thing changes it with every picture.
 const SETTLED: Duration = Duration::from_millis(300);
 /// A device that is gone is looked for again so much later.
 const RETRY: Duration = Duration::from_secs(5);

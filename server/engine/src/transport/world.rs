@@ -132,17 +132,22 @@ impl World {
         WorldReport {
             accel: self.accel.report(),
             light_bytes: self.lights.bytes() + self.openings.as_ref().map_or(0, Openings::bytes),
-            mesh_bytes: self.scene.meshes().values().map(|mesh| mesh.bytes()).sum(),
-            texture_bytes: self.scene.textures().values().map(|texture| texture.bytes()).sum(),
+            mesh_bytes: self.mesh_bytes(),
+            texture_bytes: self.texture_bytes(),
         }
     }
 
     /// Bytes of meshes, of what places them and of textures, about: what is packed for a card grows with them.
     pub fn surface_bytes(&self) -> usize {
-        let meshes = self.scene.meshes().values().map(|mesh| mesh.bytes());
-        let textures = self.scene.textures().values().map(|texture| texture.bytes());
-        let placed = self.accel.instances().len() * size_of::<Instance>();
-        meshes.chain(textures).sum::<usize>() + placed
+        self.mesh_bytes() + self.texture_bytes() + self.accel.instances().len() * size_of::<Instance>()
+    }
+
+    fn mesh_bytes(&self) -> usize {
+        self.scene.meshes().values().map(|mesh| mesh.bytes()).sum()
+    }
+
+    fn texture_bytes(&self) -> usize {
+        self.scene.textures().values().map(|texture| texture.bytes()).sum()
     }
 
     /// Every material, by the index that [`World::materials_of`] gives.

@@ -100,7 +100,7 @@ impl PlacedTextures {
     }
 
     fn add(&mut self, texture: &Arc<Texture>) {
-        let words = words_of(texture).len();
+        let words = word_count_of(texture);
         if words > 0 && !self.places.contains_key(&Arc::as_ptr(texture)) {
             self.places.insert(Arc::as_ptr(texture), self.word_count as u32);
             self.textures.push(Arc::clone(texture));
@@ -116,7 +116,12 @@ impl PlacedTextures {
     /// All of them, as they were placed.
     pub(super) fn texels(&self) -> Vec<u32> {
         let mut texels = Vec::with_capacity(self.word_count);
-        self.textures.iter().for_each(|texture| texels.extend_from_slice(words_of(texture)));
+        for texture in &self.textures {
+            match &texture.texels {
+                Texels::Rgba8(bytes) => texels.extend(bytes.iter().map(|texel| u32::from_ne_bytes(*texel))),
+                Texels::Rgba32F(floats) => texels.extend(floats.as_flattened().iter().map(|x| x.to_bits())),
+            }
+        }
         texels
     }
 
@@ -127,10 +132,10 @@ impl PlacedTextures {
     }
 }
 
-fn words_of(texture: &Texture) -> &[u32] {
+fn word_count_of(texture: &Texture) -> usize {
     match &texture.texels {
-        Texels::Rgba8(texels) => bytemuck::cast_slice(texels),
-        Texels::Rgba32F(texels) => bytemuck::cast_slice(texels),
+        Texels::Rgba8(bytes) => bytes.len(),
+        Texels::Rgba32F(floats) => floats.as_flattened().len(),
     }
 }
 

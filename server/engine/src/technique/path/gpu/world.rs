@@ -86,6 +86,9 @@ impl GpuWorld {
         Binding::Read,
     ];
 
+    /// Places among them of what [`appearance_of`] makes.
+    const OF_APPEARANCE: [usize; 5] = [0, 3, 5, 6, 7];
+
     pub(super) fn new(session: &Arc<Session>, packed: &PackedScene) -> Result<GpuWorld, GpuError> {
         let start = Instant::now();
         let constants = constants_of(packed);
@@ -181,9 +184,8 @@ impl GpuWorld {
 
     /// Takes on another appearance; see [`World::appearance_after`].
     pub(super) fn take_on(&mut self, session: &Session, packed: &AppearanceBuffers) -> Result<(), GpuError> {
-        let [header, materials, tables, lights, light_nodes] = appearance_of(session, packed)?;
-        let of_appearance = [0, 3, 5, 6, 7].into_iter().zip([header, materials, tables, lights, light_nodes]);
-        of_appearance.for_each(|(place, buffer)| self.buffers[place] = buffer);
+        let made = appearance_of(session, packed)?;
+        GpuWorld::OF_APPEARANCE.into_iter().zip(made).for_each(|(at, buffer)| self.buffers[at] = buffer);
         self.group = session.bind(&self.layout, &self.buffers.each_ref())?;
         Ok(())
     }
