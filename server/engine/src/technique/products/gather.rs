@@ -13,14 +13,16 @@
 //! keeps the spot of light beside a dark wall off the wall, where few photons would draw the radius into the spot. Nothing counts
 //! beyond walls that the caller names (`walls.rs`).
 
+mod arrivals;
 #[cfg(feature = "gpu")]
 mod found;
 
-use std::{cmp::Ordering, num::NonZeroUsize, sync::Arc};
+use std::{num::NonZeroUsize, sync::Arc};
 
 use glam::Vec3;
 use kiddo::SquaredEuclidean;
 
+use self::arrivals::{Arrivals, Seen};
 #[cfg(feature = "gpu")]
 pub(in crate::technique) use self::found::{COUNTS, FAR_M, NEAR_M, NUMBERS};
 #[cfg(feature = "gpu")]
@@ -81,12 +83,15 @@ pub struct Gather {
     /// Where photons fell behind the walls only: the area before them that caught none, m².
     pub dark_m2: Option<f32>,
     near: Vec<Near>,
+    arrivals: Arrivals,
     /// How many photons walls kept out of the last search.
     behind_count: usize,
     /// Photons on what faces further away from the gather's normal were left out, and so is its area.
     facing_cos: f32,
     /// Within reach, by place in the list of sides.
     of_sides: Vec<Facets>,
+    /// Photons found, by place in the list of sides.
+    counts_of_sides: Vec<u32>,
     /// Sides that do not count, ascending.
     dark: Vec<u32>,
 }
@@ -116,10 +121,6 @@ const WIDER: usize = 3;
 /// Two estimates agree where they are no further apart than so many standard deviations of both: more keep blur, fewer take noise
 /// for change.
 const AGREES_SIGMA: f64 = 2.0;
-
-/// Least mean cosine that light meets the surfaces of a gather with: what grazes more counts as if it grazed so much, and no photon
-/// for more than twenty times its flux per area. Costs even light on a plane 0.25 % of its irradiance.
-const COS_MIN: f32 = 0.05;
 
 /// A side counts as dark if it has at most this share of the photons that it would have if all sides were lit alike …
 const DARK_SHARE: f32 = 1.0 / 16.0;
@@ -203,9 +204,6 @@ impl PhotonMaps {
             }
             return;
         }
-        // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
-        // far away.
-        gather.near.sort_unstable_by_key(Near::name);
         self.measure_sides(class, sides, bounds, reach, gather);
         if !(gather.facets.area_m2 > 0.0) {
             return;
@@ -213,11 +211,15 @@ impl PhotonMaps {
         let Gather { near, dark, .. } = gather;
         near.retain(|near| dark.binary_search(&near.side).is_err());
         self.narrow(class, sides, bounds, gather);
+        // In the order of the maps, whatever the shape of their trees: what is made of the photons must not depend on others
+        // far away.
+        gather.near.sort_unstable_by_key(Near::name);
         let seen = Seen { facets: gather.facets, normal: bounds.normal };
-        let photons = gather.near.iter().filter_map(|near| near.of(maps));
-        gather.photons.extend(photons.map(|photon| {
-            let direction = octahedral::decode(photon.direction);
-            GatheredPhoton { direction, irradiance: photon.flux * seen.irradiance_of(direction) }
+        let Gather { near, arrivals, photons, .. } = gather;
+        arrivals.take(near, maps);
+        photons.extend(arrivals.seen_by(&seen, near.len()).map(|(arrival, per_watt)| GatheredPhoton {
+            direction: arrival.direction,
+            irradiance: arrival.flux * per_watt,
         }));
     }
 
@@ -281,12 +283,12 @@ impl PhotonMaps {
         self.look_at_sides(sides, bounds, reach, gather);
         let all_m2 = gather.of_sides.iter().map(|facets| facets.area_m2).sum::<f32>();
         let per_m2 = gather.near.len() as f32 / all_m2;
+        gather.count_by_side(sides);
         for (place, id) in sides.iter().enumerate() {
             let (side, facets) = (id.index() as u32, gather.of_sides[place]);
             if class == 0 {
                 let expected = per_m2 * facets.area_m2;
-                let first = gather.near.partition_point(|near| near.side < side);
-                let count = gather.near[first..].partition_point(|near| near.side == side);
+                let count = gather.counts_of_sides[place];
                 if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
                     gather.dark.push(side);
                 }
@@ -304,7 +306,8 @@ impl PhotonMaps {
         if count > all / 2 {
             return;
         }
-        gather.near.sort_unstable_by(Near::by_distance);
+        gather.near.sort_unstable_by_key(Near::by_distance);
+        gather.arrivals.take(&gather.near, &self.sides[class]);
         let narrowest_m = if bounds.is_content() { NARROWEST * bounds.radius_m } else { 0.0 };
         let widest = Estimate { count: all, radius_m: gather.radius_m, facets: gather.facets };
         let mut summed = 0;
@@ -324,9 +327,8 @@ impl PhotonMaps {
             // Each estimate is what a gather of its photons alone would find, by the surfaces that they lie on.
             let seen = Seen { facets: estimate.facets, normal: bounds.normal };
             let mut sums = LightSums::default();
-            for photon in gather.near[..estimate.count].iter().filter_map(|near| near.of(&self.sides[class]))
-            {
-                sums.add(photon.flux.luminance() * seen.irradiance_of(octahedral::decode(photon.direction)));
+            for (arrival, per_watt) in gather.arrivals.seen_by(&seen, estimate.count) {
+                sums.add(arrival.luminance * per_watt);
             }
             summed = estimate.count;
             // Photons at one point have no area around them.
@@ -340,7 +342,6 @@ impl PhotonMaps {
         }
         let chosen = chosen.unwrap_or(widest);
         gather.near.truncate(chosen.count);
-        gather.near.sort_unstable_by_key(Near::name);
         (gather.radius_m, gather.facets) = (chosen.radius_m, chosen.facets);
     }
 }
@@ -351,22 +352,6 @@ struct Estimate {
     count: usize,
     radius_m: f32,
     facets: Facets,
-}
-
-/// The surfaces of a gather, and the direction that its light is asked for.
-#[derive(Clone, Copy, Debug)]
-struct Seen {
-    facets: Facets,
-    normal: Vec3,
-}
-
-impl Seen {
-    /// Irradiance of what faces the normal for each watt that falls on the surfaces from a unit direction, 1/m²: the flux over
-    /// the area that the light sees of them is the irradiance of what faces the light.
-    fn irradiance_of(&self, direction: Vec3) -> f32 {
-        let cos = self.normal.dot(direction).max(0.0);
-        cos / (self.facets.area_m2 * self.facets.mean_cos(direction).max(COS_MIN))
-    }
 }
 
 /// What some photons bring, in luminance: the sum, and the sum of the squares.
@@ -411,9 +396,11 @@ impl Near {
         u64::from(self.side) << 32 | u64::from(self.item)
     }
 
-    /// Those at the same distance are told apart by name, so that the answer does not depend on any order.
-    fn by_distance(&self, other: &Near) -> Ordering {
-        self.distance2.total_cmp(&other.distance2).then(self.name().cmp(&other.name()))
+    /// Ascends with the distance; those at the same distance are told apart by name, so that the answer does not depend on any
+    /// order. One number is compared several times faster than two, one after the other.
+    fn by_distance(&self) -> u128 {
+        // What is not negative ascends as its bits do.
+        u128::from(self.distance2.to_bits()) << 64 | u128::from(self.name())
     }
 
     fn of(&self, maps: &[Option<Arc<SideMap>>]) -> Option<MapPhoton> {
@@ -456,6 +443,17 @@ impl Gather {
         self.near.retain(|near| near.facing_cos >= self.facing_cos);
     }
 
+    /// - `sides`: `[n]`, ascending
+    fn count_by_side(&mut self, sides: &[SideId]) {
+        self.counts_of_sides.clear();
+        self.counts_of_sides.resize(sides.len(), 0);
+        for near in &self.near {
+            if let Ok(place) = sides.binary_search_by_key(&near.side, |side| side.index() as u32) {
+                self.counts_of_sides[place] += 1;
+            }
+        }
+    }
+
     fn is_dark(&self, side: SideId) -> bool {
         self.dark.binary_search(&(side.index() as u32)).is_ok()
     }
@@ -492,7 +490,7 @@ impl Gather {
             return;
         }
         let last = count - 1;
-        self.near.select_nth_unstable_by(last, Near::by_distance);
+        self.near.select_nth_unstable_by_key(last, Near::by_distance);
         let radius_m = self.near[last].distance2.sqrt();
         if radius_m > 0.0 {
             self.radius_m = radius_m;
