@@ -150,11 +150,41 @@ fn facets_of(node: u32, share: f32) -> Facets {
 
 const NOTHING: Facets = Facets(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0);
 
+/// What faces the gather of some triangles.
+///
+/// - `leaf`: as a node names them
+fn facing_faces(leaf: u32, look: Look) -> Facets {
+    var sum = NOTHING;
+    let end = (leaf >> 3u) + (leaf & 7u);
+    work += leaf & 7u;
+    for (var face = leaf >> 3u; face < end; face++) {
+        if cosine(faces[face].normal, look.normal) >= look.facing_cos {
+            sum = add(sum, flat(faces[face].area_m2, faces[face].normal));
+        }
+    }
+    return sum;
+}
+
 fn of_surface(root: vec2u, look: Look) -> Facets {
     var sum = NOTHING;
     var node = root.x;
+    // Where the parts end of what lies wholly within reach: where those lie is not asked.
+    var within_end = root.x;
     while node < root.y && work < WORK_MAX {
         work += 1u;
+        if node < within_end {
+            let facing = facing_of(node, look);
+            if facing != FACES_SOME {
+                if facing == FACES_ALL {
+                    sum = add(sum, facets_of(node, 1.0));
+                }
+                node = extents[node].end;
+                continue;
+            }
+            sum = add(sum, facing_faces(extents[node].faces, look));
+            node += 1u;
+            continue;
+        }
         let reach_m = extents[node].reach_m;
         let from_middle = extents[node].middle - look.centre;
         let size = abs(from_middle);
@@ -173,9 +203,12 @@ fn of_surface(root: vec2u, look: Look) -> Facets {
             node = extents[node].end;
             continue;
         }
+        if behind <= -reach_m && flattened_m + reach_flattened_m <= look.radius_m {
+            within_end = extents[node].end;
+            continue;
+        }
         let is_small = reach_m <= GATHER_SMALL * look.radius_m && extents[node].area_m2 <= look.small_m2;
-        let is_whole = flattened_m + reach_flattened_m <= look.radius_m;
-        if facing == FACES_ALL && behind <= -reach_m && (is_whole || is_small) {
+        if facing == FACES_ALL && behind <= -reach_m && is_small {
             sum = add(sum, facets_of(node, share_within(look.radius_m - flattened_m, reach_m)));
             node = extents[node].end;
             continue;

@@ -183,6 +183,13 @@ impl Block {
         }
     }
 
+    /// The last flight of each photon of a class that maps hold, in order: where it began, and where it ended.
+    fn flights_of(&self, class: PathClass) -> impl Iterator<Item = (&PhotonHit, &PhotonHit)> {
+        let ways = (0..self.paths.len()).flat_map(|index| self.hits_of(index).windows(2));
+        let is_of = move |(_, hit): &(_, &PhotonHit)| hit.is_on_diffuse() && hit.class() == class;
+        ways.map(|way| (&way[0], &way[1])).filter(is_of)
+    }
+
     /// Every stretch that its photons flew, from where and by how much; those that left the scene by one metre.
     pub(super) fn ways(&self) -> impl Iterator<Item = (Vec3, Vec3)> {
         (0..self.paths.len()).flat_map(|index| {
@@ -415,18 +422,15 @@ impl PhotonPaths {
     }
 
     /// Every hit that maps hold, in order.
-    pub(super) fn mapped(&self) -> Vec<(PathClass, TriangleSide, FallenPhoton)> {
+    pub(super) fn mapped(&self) -> impl ParallelIterator<Item = (PathClass, TriangleSide, FallenPhoton)> {
         let blocks: Vec<(f32, &Block)> = self.each_block().collect();
-        blocks
-            .par_iter()
-            .flat_map_iter(|(flux_w, block)| {
-                let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
-                block.hits.iter().filter(is_mapped).filter_map(move |hit| {
-                    let (position, flux, direction) = (hit.position, hit.weight * *flux_w, hit.direction);
-                    Some((hit.class(), hit.side()?, FallenPhoton { position, flux, direction }))
-                })
+        blocks.into_par_iter().flat_map_iter(|(flux_w, block)| {
+            let is_mapped = |hit: &&PhotonHit| hit.is_on_diffuse() && MAPPED.contains(&hit.class());
+            block.hits.iter().filter(is_mapped).filter_map(move |hit| {
+                let (position, flux, direction) = (hit.position, hit.weight * flux_w, hit.direction);
+                Some((hit.class(), hit.side()?, FallenPhoton { position, flux, direction }))
             })
-            .collect()
+        })
     }
 
     /// The last flights of some photons of one class that maps hold, in order; see [`Flight::is_asked`]. Each has the flux of those that it
@@ -440,22 +444,32 @@ impl PhotonPaths {
     pub fn flights(
         &self,
         (class, count): (PathClass, usize),
-        normal_of: impl Fn(TriangleSide) -> Vec3,
-    ) -> impl Iterator<Item = Flight> {
+        normal_of: impl Fn(TriangleSide) -> Vec3 + Sync,
+    ) -> Vec<Flight> {
         let is_focused = class == PathClass::Caustic;
-        let is_met = move |photons: &&SourcePhotons| !(is_focused && photons.source.is_delta());
-        let sources = self.sources.iter().filter(move |_| count > 0).filter(is_met);
-        let ways = sources.flat_map(SourcePhotons::each_block).flat_map(|(flux_w, block)| {
-            let ways = (0..block.paths.len()).flat_map(|index| block.hits_of(index).windows(2));
-            ways.map(move |way| (flux_w, &way[0], &way[1]))
+        let is_met = |photons: &&SourcePhotons| !(is_focused && photons.source.is_delta());
+        let sources = self.sources.iter().filter(|_| count > 0).filter(is_met);
+        let blocks: Vec<(f32, &Block)> = sources.flat_map(SourcePhotons::each_block).collect();
+        // Which of them are asked hangs on their numbers, and those on how many go before a block's.
+        let counts: Vec<usize> =
+            blocks.par_iter().map(|(_, block)| block.flights_of(class).count()).collect();
+        let mut next = 0;
+        let firsts = counts.into_iter().map(|count| {
+            next += count as u64;
+            next - count as u64
         });
-        let ways = ways.filter(move |(.., hit)| hit.is_on_diffuse() && hit.class() == class);
+        let blocks: Vec<(u64, (f32, &Block))> = firsts.zip(blocks).collect();
         let flux_share = Flight::asked_share(count) as f32;
-        let asked = (0..).zip(ways).filter(move |(number, _)| Flight::is_asked(*number, count));
-        asked.filter_map(move |(_, (flux_w, before, hit))| {
-            let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
-            Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w / flux_share, is_focused })
-        })
+        let of_block = |(first, (flux_w, block)): (u64, (f32, &Block))| -> Vec<Flight> {
+            let asked =
+                (first..).zip(block.flights_of(class)).filter(|(number, _)| Flight::is_asked(*number, count));
+            let flights = asked.filter_map(|(_, (before, hit))| {
+                let (from, to, normal) = (before.position, hit.position, normal_of(hit.side()?));
+                Some(Flight { from, to, normal, flux_w: hit.weight.mean() * flux_w / flux_share, is_focused })
+            });
+            flights.collect()
+        };
+        blocks.into_par_iter().flat_map_iter(of_block).collect()
     }
 
     /// Every hit with its flux, W, in order.

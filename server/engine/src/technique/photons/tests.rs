@@ -42,8 +42,7 @@ fn emitting(emitted_count: u32) -> PhotonSettings {
 fn flights_end_where_maps_hold_photons() {
     let tracing = traced(samples::cornell_box().unwrap(), emitting(20_000));
     let count = tracing.product().maps.photon_count(PathClass::Indirect);
-    let flights: Vec<Flight> =
-        tracing.paths().flights((PathClass::Indirect, count), |_| glam::Vec3::Z).collect();
+    let flights = tracing.paths().flights((PathClass::Indirect, count), |_| glam::Vec3::Z);
     assert!(flights.len() > 10_000, "{}", flights.len());
     assert_eq!(flights.len(), count);
     let ways: HashSet<[[u32; 3]; 2]> = tracing

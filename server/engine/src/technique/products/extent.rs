@@ -197,51 +197,48 @@ impl Extent {
         let mut sum = Facets::default();
         let mut at = 0;
         while let Some(node) = self.nodes.get(at) {
-            // Most are too far away: that is asked first.
+            let place = at;
+            at = node.end as usize;
+            // Most are too far away: that is asked first, and what costs more later.
             let from_middle = node.middle - bounds.centre;
             if from_middle.length_squared() >= (radius_m + node.reach_m).powi(2) {
-                at = node.end as usize;
                 continue;
             }
             let flattened_m = bounds.flattened_from(node.middle).length();
             // What leans reaches farther in the flattened space, at most so many times.
             let reach_m = FLATNESS * node.reach_m;
             if flattened_m >= radius_m + reach_m {
-                at = node.end as usize;
                 continue;
             }
             let facing = node.facing(bounds.normal, facing_cos);
+            if facing == Facing::None {
+                continue;
+            }
             let behind_m = bounds.walls.behind_m(from_middle);
-            if facing == Facing::None || behind_m >= node.reach_m {
-                at = node.end as usize;
+            if behind_m >= node.reach_m {
                 continue;
             }
             let is_before_walls = behind_m <= -node.reach_m;
+            let is_small = node.reach_m <= SMALL * radius_m && node.facets.area_m2 <= small_m2;
             if is_before_walls && flattened_m + reach_m <= radius_m {
-                sum += self.facing_of(at, bounds.normal, facing_cos);
-                at = node.end as usize;
-            } else if is_before_walls
-                && facing == Facing::All
-                && node.reach_m <= SMALL * radius_m
-                && node.facets.area_m2 <= small_m2
-            {
+                sum += self.facets_facing(place, bounds.normal, facing_cos);
+            } else if is_before_walls && is_small && facing == Facing::All {
                 sum += node.facets.share(share_within(radius_m - flattened_m, node.reach_m));
-                at = node.end as usize;
             } else {
                 if node.count > 0 {
                     let part = |face: &Face| face.facets_within(bounds, reach, small_m2, &corners);
                     sum += self.faces_of(node).iter().map(part).sum();
                 }
-                at += 1;
+                at = place + 1;
             }
         }
         sum
     }
 
-    /// What faces a direction, within a cosine of it, of a node and all its parts.
-    fn facing_of(&self, place: usize, normal: Vec3, facing_cos: f32) -> Facets {
-        let end = self.nodes[place].end as usize;
+    /// What faces a direction, within a cosine of it, of a node that lies wholly within reach: where its parts lie is not asked.
+    fn facets_facing(&self, place: usize, normal: Vec3, facing_cos: f32) -> Facets {
         let mut sum = Facets::default();
+        let end = self.nodes[place].end as usize;
         let mut at = place;
         while at < end {
             let node = &self.nodes[at];
@@ -252,8 +249,8 @@ impl Extent {
                 }
                 Facing::None => node.end as usize,
                 Facing::Some => {
-                    let faces = self.faces_of(node).iter();
-                    let facing = faces.filter(|face| face.normal.dot(normal) >= facing_cos);
+                    let is_facing = |face: &&Face| face.normal.dot(normal) >= facing_cos;
+                    let facing = self.faces_of(node).iter().filter(is_facing);
                     facing.for_each(|face| sum += face.facets(face.area_m2));
                     at + 1
                 }
@@ -468,8 +465,11 @@ mod tests {
             let bounds = bounds(centre, normal);
             let reach = Reach { radius_m, facing_cos };
             let found = extent.within(&bounds, reach, corners).area_m2;
-            // None is small where small is nothing.
-            let exactly = |face: &Face| face.facets_within(&bounds, reach, 0.0, &corners).area_m2;
+            let exactly = |face: &Face| {
+                let cos = face.normal.dot(normal);
+                let area_m2 = || face.area_within(&bounds, radius_m, cos, false, &corners);
+                if cos >= facing_cos { area_m2() } else { 0.0 }
+            };
             let one_by_one: f32 = extent.faces.iter().map(exactly).sum();
             // Small pieces at the rim may be whole nodes or single triangles.
             assert!(
@@ -479,6 +479,33 @@ mod tests {
             if index % 10 == 0 && one_by_one > 0.05 {
                 let counted = counted_m2(&extent, &bounds, radius_m, facing_cos, corners);
                 assert!((found / counted - 1.0).abs() < 0.03, "{found} for {counted}");
+            }
+        }
+    }
+
+    /// Of a sheet that lies wholly within reach counts what faces the gather, exactly, with its directions.
+    #[test]
+    fn what_lies_wholly_within_counts_as_far_as_it_faces() {
+        let sheet = crumpled();
+        let all: Vec<u32> = (0..sheet.len() as u32).collect();
+        let corners = |triangle: u32| sheet[triangle as usize];
+        let extent = Extent::of(&all, corners, 1.0);
+        for index in 0..50 {
+            let [x, z, lean, turn] = point(5, index);
+            let normal = Vec3::new((6.0 * turn).sin() * lean, 1.0, (6.0 * turn).cos() * lean).normalize();
+            for facing_cos in [-2.0, 0.5, 0.79, 0.9] {
+                let reach = Reach { radius_m: 12.0, facing_cos };
+                let found = extent.within(&bounds(Vec3::new(x, 0.0, z), normal), reach, corners);
+                let facing = extent.faces.iter().filter(|face| face.normal.dot(normal) >= facing_cos);
+                let expected: Facets = facing.map(|face| face.facets(face.area_m2)).sum();
+                assert!((found.area_m2 - expected.area_m2).abs() < 1e-4, "{found:?} for {expected:?}");
+                for (found, expected) in [
+                    (found.facing_m2, expected.facing_m2),
+                    (found.squares_m2, expected.squares_m2),
+                    (found.products_m2, expected.products_m2),
+                ] {
+                    assert!((found - expected).abs().max_element() < 1e-4, "{found} for {expected}");
+                }
             }
         }
     }

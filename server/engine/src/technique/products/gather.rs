@@ -83,6 +83,7 @@ pub struct Gather {
     /// Where photons fell behind the walls only: the area before them that caught none, m².
     pub dark_m2: Option<f32>,
     near: Vec<Near>,
+    /// Of `near`, as last taken.
     arrivals: Arrivals,
     /// How many photons walls kept out of the last search.
     behind_count: usize,
@@ -217,7 +218,7 @@ impl PhotonMaps {
         let seen = Seen { facets: gather.facets, normal: bounds.normal };
         let Gather { near, arrivals, photons, .. } = gather;
         arrivals.take(near, maps);
-        photons.extend(arrivals.seen_by(&seen, near.len()).map(|(arrival, per_watt)| GatheredPhoton {
+        photons.extend(arrivals.weighed_by(&seen, near.len()).map(|(arrival, per_watt)| GatheredPhoton {
             direction: arrival.direction,
             irradiance: arrival.flux * per_watt,
         }));
@@ -281,19 +282,12 @@ impl PhotonMaps {
         gather: &mut Gather,
     ) {
         self.look_at_sides(sides, bounds, reach, gather);
-        let all_m2 = gather.of_sides.iter().map(|facets| facets.area_m2).sum::<f32>();
-        let per_m2 = gather.near.len() as f32 / all_m2;
-        gather.count_by_side(sides);
+        if class == 0 {
+            gather.find_dark(sides);
+        }
         for (place, id) in sides.iter().enumerate() {
-            let (side, facets) = (id.index() as u32, gather.of_sides[place]);
-            if class == 0 {
-                let expected = per_m2 * facets.area_m2;
-                let count = gather.counts_of_sides[place];
-                if expected >= DARK_EXPECTED_MIN && count as f32 <= expected * DARK_SHARE {
-                    gather.dark.push(side);
-                }
-            }
             if !gather.is_dark(*id) {
+                let facets = gather.of_sides[place];
                 gather.facets += facets;
             }
         }
@@ -327,7 +321,7 @@ impl PhotonMaps {
             // Each estimate is what a gather of its photons alone would find, by the surfaces that they lie on.
             let seen = Seen { facets: estimate.facets, normal: bounds.normal };
             let mut sums = LightSums::default();
-            for (arrival, per_watt) in gather.arrivals.seen_by(&seen, estimate.count) {
+            for (arrival, per_watt) in gather.arrivals.weighed_by(&seen, estimate.count) {
                 sums.add(arrival.luminance * per_watt);
             }
             summed = estimate.count;
@@ -399,7 +393,7 @@ impl Near {
     /// Ascends with the distance; those at the same distance are told apart by name, so that the answer does not depend on any
     /// order. One number is compared several times faster than two, one after the other.
     fn by_distance(&self) -> u128 {
-        // What is not negative ascends as its bits do.
+        // What is not negative ascends as its bits do; NaN, which only a broken normal makes, comes last.
         u128::from(self.distance2.to_bits()) << 64 | u128::from(self.name())
     }
 
@@ -443,13 +437,27 @@ impl Gather {
         self.near.retain(|near| near.facing_cos >= self.facing_cos);
     }
 
-    /// - `sides`: `[n]`, ascending
-    fn count_by_side(&mut self, sides: &[SideId]) {
+    /// Notes the sides that next to no photon fell on where many would if all were lit alike.
+    ///
+    /// - `sides`: `[n]`, each once, ascending
+    fn find_dark(&mut self, sides: &[SideId]) {
+        // Of one side alone all fell on it.
+        if sides.len() < 2 {
+            return;
+        }
         self.counts_of_sides.clear();
         self.counts_of_sides.resize(sides.len(), 0);
         for near in &self.near {
             if let Ok(place) = sides.binary_search_by_key(&near.side, |side| side.index() as u32) {
                 self.counts_of_sides[place] += 1;
+            }
+        }
+        let all_m2 = self.of_sides.iter().map(|facets| facets.area_m2).sum::<f32>();
+        let per_m2 = self.near.len() as f32 / all_m2;
+        for ((side, facets), count) in sides.iter().zip(&self.of_sides).zip(&self.counts_of_sides) {
+            let expected = per_m2 * facets.area_m2;
+            if expected >= DARK_EXPECTED_MIN && *count as f32 <= expected * DARK_SHARE {
+                self.dark.push(side.index() as u32);
             }
         }
     }

@@ -65,9 +65,9 @@ impl PhotonMaps {
     /// - `all`: every photon with its class and place; those of classes without maps are left out
     /// - `normal_of`: unit normal of a triangle on a side of it
     pub(in crate::technique) fn of(
-        all: Vec<(PathClass, TriangleSide, FallenPhoton)>,
+        all: impl IntoParallelIterator<Item = (PathClass, TriangleSide, FallenPhoton)>,
         surfaces: Arc<Surfaces>,
-        normal_of: impl Fn(TriangleSide) -> Vec3,
+        normal_of: impl Fn(TriangleSide) -> Vec3 + Sync,
         kept: impl Fn(usize, SideId) -> Option<Option<Arc<SideMap>>>,
     ) -> PhotonMaps {
         let side_count = 2 * surfaces.count() as usize;
@@ -81,15 +81,23 @@ impl PhotonMaps {
                 }
             }
         }
-        let mut photons: [Vec<Vec<MapPhoton>>; 2] = std::array::from_fn(|_| vec![Vec::new(); side_count]);
-        for (class, place, photon) in all {
-            let Some(class) = MAPPED.iter().position(|mapped| *mapped == class) else { continue };
+        // All threads look up what photons need; one puts them in their maps, in order.
+        let placed = all.into_par_iter().filter_map(|(class, place, photon)| {
+            let class = MAPPED.iter().position(|mapped| *mapped == class)?;
             let side = surfaces.side(place).index();
-            if is_open[class][side] {
+            is_open[class][side].then(|| {
                 let FallenPhoton { position, flux, direction } = photon;
                 let normal = octahedral::encode(normal_of(place));
-                photons[class][side].push(MapPhoton { position, flux, direction, normal });
-            }
+                (class, side, MapPhoton { position, flux, direction, normal })
+            })
+        });
+        let placed = placed.collect_vec_list();
+        let mut counts = [vec![0; side_count], vec![0; side_count]];
+        placed.iter().flatten().for_each(|(class, side, _)| counts[*class][*side] += 1);
+        let mut photons: [Vec<Vec<MapPhoton>>; 2] =
+            counts.map(|counts| counts.into_iter().map(Vec::with_capacity).collect());
+        for (class, side, photon) in placed.into_iter().flatten() {
+            photons[class][side].push(photon);
         }
         for (maps, photons) in sides.iter_mut().zip(photons) {
             maps.par_iter_mut().zip(photons).filter(|(_, photons)| !photons.is_empty()).for_each(

@@ -268,7 +268,7 @@ fn nobody_is_guided_to_what_no_path_finds() {
             PhotonTracing::new(PhotonSettings { emitted_count: 10_000, ..PhotonSettings::default() });
         photons.trace_all(&world);
         [PathClass::Caustic, PathClass::Indirect].map(|class| {
-            let flights: Vec<Flight> = photons.paths().flights((class, 1), |_| Vec3::Y).collect();
+            let flights = photons.paths().flights((class, 1), |_| Vec3::Y);
             assert!(flights.iter().all(|flight| flight.is_focused == (class == PathClass::Caustic)));
             flights.len()
         })

@@ -45,10 +45,11 @@ pub(super) struct Arrival {
 /// Some photons; kept so that its memory is used again.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Arrivals {
+    /// `[n]`.
     photons: Vec<Arrival>,
-    /// Components of their directions, each in a row, so that the compiler weighs four at a time.
+    /// `[xyz][n]`: their directions, each component in a row, so that the compiler weighs four at a time.
     rows: [Vec<f32>; 3],
-    /// Irradiance for each watt, 1/m².
+    /// `[count]` of those weighed last: irradiance for each watt, 1/m².
     per_watt: Vec<f32>,
 }
 
@@ -63,15 +64,15 @@ impl Arrivals {
             let direction = octahedral::decode(photon.direction);
             self.photons.push(Arrival { direction, flux: photon.flux, luminance: photon.flux.luminance() });
         }
+        debug_assert_eq!(self.photons.len(), near.len(), "of maps that the search did not know");
         for (axis, row) in self.rows.iter_mut().enumerate() {
             row.clear();
             row.extend(self.photons.iter().map(|arrival| arrival.direction[axis]));
         }
     }
 
-    /// The first of them, with what each watt of theirs is where they fell together, 1/m².
-    pub(super) fn seen_by(&mut self, seen: &Seen, count: usize) -> impl Iterator<Item = (&Arrival, f32)> {
-        let count = count.min(self.photons.len());
+    /// The first `count` of them, each with the irradiance that a watt of it brings to what is seen, 1/m².
+    pub(super) fn weighed_by(&mut self, seen: &Seen, count: usize) -> impl Iterator<Item = (&Arrival, f32)> {
         let [x, y, z] = self.rows.each_ref().map(|row| &row[..count]);
         self.per_watt.clear();
         self.per_watt.resize(count, 0.0);

@@ -23,6 +23,8 @@ const FLUX_W: f32 = 1e-3;
 struct Square {
     maps: PhotonMaps,
     side: SideId,
+    /// On which none falls.
+    below: SideId,
 }
 
 impl Square {
@@ -51,9 +53,9 @@ impl Square {
             (PathClass::Indirect, place, photon)
         };
         let photons = [0, 1].into_iter().flat_map(|half| (0..counts[half]).map(move |index| (half, index)));
-        let all = photons.map(|(half, index)| fallen(half, index)).collect();
-        let side = surfaces.side(place);
-        Square { maps: PhotonMaps::of(all, surfaces, |_| Vec3::Y, |_, _| None), side }
+        let all: Vec<_> = photons.map(|(half, index)| fallen(half, index)).collect();
+        let (side, below) = (surfaces.side(place), surfaces.side(TriangleSide { is_front: false, ..place }));
+        Square { maps: PhotonMaps::of(all, surfaces, |_| Vec3::Y, |_, _| None), side, below }
     }
 
     /// A gather of 96 photons in the plane z = 0 that may be narrowed to so many.
@@ -62,6 +64,10 @@ impl Square {
     }
 
     fn gather_before(&self, walls: Walls, x_m: f32, count_narrow: usize) -> Gather {
+        self.gather_on(&[self.side], walls, x_m, count_narrow)
+    }
+
+    fn gather_on(&self, sides: &[SideId], walls: Walls, x_m: f32, count_narrow: usize) -> Gather {
         let count = NonZeroUsize::new(96).unwrap();
         let bounds = GatherBounds {
             centre: Vec3::new(x_m, 0.0, 0.0),
@@ -74,7 +80,7 @@ impl Square {
             walls,
         };
         let mut gather = Gather::default();
-        self.maps.gather(PathClass::Indirect, &[self.side], &bounds, &mut gather);
+        self.maps.gather(PathClass::Indirect, sides, &bounds, &mut gather);
         gather
     }
 }
@@ -94,6 +100,20 @@ fn a_gather_beside_a_bright_spot_stays_out_of_it() {
     }
     assert!(wide > 3.0, "light of the spot: {wide}");
     assert!((0.7..1.5).contains(&narrow), "{narrow}");
+}
+
+/// A side on which no photon falls takes no light from the other, wherever it comes in the list.
+#[test]
+fn a_dark_side_takes_no_light() {
+    let square = Square::lit([400, 400], 0);
+    let mut both = [square.side, square.below];
+    both.sort_unstable();
+    for count_narrow in [16, 96] {
+        let [lit, both] = [&[square.side][..], &both]
+            .map(|sides| square.gather_on(sides, Walls::default(), 0.1, count_narrow));
+        assert!(lit.photons.len() > 40);
+        assert_eq!(both.photons, lit.photons);
+    }
 }
 
 /// In even light next to no gather is narrowed, and the mean stays the truth.
