@@ -1,7 +1,8 @@
 //! Where the triangles of a crease surface lie: a tree that adds up how much of them lies within a gather.
 //!
 //! Every node knows the area of its triangles, a sphere around them and a cone around their normals: what lies within the
-//! gather and faces its normal as a whole is added as a whole, and only triangles at the rim are cut.
+//! gather and faces its normal as a whole is added as a whole, what lies wholly within is asked only where its parts face, and only
+//! triangles at the rim are cut.
 
 #[cfg(feature = "gpu")]
 mod pack;
@@ -332,7 +333,7 @@ impl Face {
         Facets::flat(area_m2, self.normal)
     }
 
-    /// What of it counts, none of most that are looked at.
+    /// As much of it as counts in a gather: of most that are looked at nothing.
     fn facets_within(
         &self,
         bounds: &GatherBounds,
@@ -350,6 +351,8 @@ impl Face {
         self.facets(self.area_within(bounds, reach.radius_m, cos, is_small, corners))
     }
 
+    /// Area of it in the ellipsoid and before the walls, m².
+    ///
     /// - `cos`: of its normal with the gather's
     fn area_within(
         &self,

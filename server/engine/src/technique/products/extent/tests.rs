@@ -22,6 +22,16 @@ fn crumpled() -> Vec<[Vec3; 3]> {
         .collect()
 }
 
+fn extent_of(triangles: &[[Vec3; 3]]) -> Extent {
+    let all: Vec<u32> = (0..triangles.len() as u32).collect();
+    Extent::of(&all, |triangle| triangles[triangle as usize], 1.0)
+}
+
+/// A unit vector that leans from the upright, at most by 45°.
+fn leaning(by: f32, turn: f32) -> Vec3 {
+    Vec3::new((6.0 * turn).sin() * by, 1.0, (6.0 * turn).cos() * by).normalize()
+}
+
 fn bounds(centre: Vec3, normal: Vec3) -> GatherBounds {
     let count = NonZeroUsize::MIN;
     GatherBounds {
@@ -40,13 +50,11 @@ fn bounds(centre: Vec3, normal: Vec3) -> GatherBounds {
 #[test]
 fn areas_are_those_of_all_triangles_and_of_counted_points() {
     let sheet = crumpled();
-    let all: Vec<u32> = (0..sheet.len() as u32).collect();
-    let corners = |triangle: u32| sheet[triangle as usize];
-    let extent = Extent::of(&all, corners, 1.0);
+    let (corners, extent) = (|triangle: u32| sheet[triangle as usize], extent_of(&sheet));
     for index in 0..200 {
         let [x, z, r, turn] = point(3, index);
         let centre = Vec3::new(2.0 * x - 1.0, 0.1, 2.0 * z - 1.0);
-        let normal = Vec3::new((6.0 * turn).sin() * r, 1.0, (6.0 * turn).cos() * r).normalize();
+        let normal = leaning(r, turn);
         let radius_m = 0.02 + 1.5 * r * r;
         let facing_cos = if index % 3 == 0 { -2.0 } else { 0.5 + 0.4 * turn };
         let bounds = bounds(centre, normal);
@@ -74,12 +82,10 @@ fn areas_are_those_of_all_triangles_and_of_counted_points() {
 #[test]
 fn what_lies_wholly_within_counts_as_far_as_it_faces() {
     let sheet = crumpled();
-    let all: Vec<u32> = (0..sheet.len() as u32).collect();
-    let corners = |triangle: u32| sheet[triangle as usize];
-    let extent = Extent::of(&all, corners, 1.0);
+    let (corners, extent) = (|triangle: u32| sheet[triangle as usize], extent_of(&sheet));
     for index in 0..50 {
         let [x, z, lean, turn] = point(5, index);
-        let normal = Vec3::new((6.0 * turn).sin() * lean, 1.0, (6.0 * turn).cos() * lean).normalize();
+        let normal = leaning(lean, turn);
         for facing_cos in [-2.0, 0.5, 0.79, 0.9] {
             let reach = Reach { radius_m: 12.0, facing_cos };
             let found = extent.within(&bounds(Vec3::new(x, 0.0, z), normal), reach, corners);
@@ -101,9 +107,7 @@ fn what_lies_wholly_within_counts_as_far_as_it_faces() {
 #[test]
 fn walls_part_areas() {
     let sheet = crumpled();
-    let all: Vec<u32> = (0..sheet.len() as u32).collect();
-    let corners = |triangle: u32| sheet[triangle as usize];
-    let extent = Extent::of(&all, corners, 1.0);
+    let (corners, extent) = (|triangle: u32| sheet[triangle as usize], extent_of(&sheet));
     let mut parted = 0;
     for index in 0..100 {
         let [x, z, angle, far] = point(4, index);
