@@ -2,12 +2,13 @@
 //!
 //! Every node knows the area of its triangles, a sphere around them and a cone around their normals: what lies within the
 //! gather and faces its normal as a whole is added as a whole, what lies wholly within is asked only where its parts face, and only
-//! triangles at the rim are cut.
+//! triangles at the rim are cut. A surface that is small beside the gather is asked only where it faces, of tables (`tabled.rs`).
 
 #[cfg(feature = "gpu")]
 mod pack;
+mod tabled;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 #[cfg(feature = "gpu")]
 pub(super) use self::pack::PackedExtents;
@@ -17,6 +18,7 @@ use super::{
     gather::{FLATNESS, GatherBounds, Reach},
     patch,
 };
+use tabled::FacingTables;
 
 /// Some piece of surface, as light from afar sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,6 +37,22 @@ impl Facets {
     /// The same piece from its other side.
     pub(super) fn turned(self) -> Facets {
         Facets { facing_m2: -self.facing_m2, ..self }
+    }
+
+    /// The same piece turned, and so many times as large.
+    ///
+    /// - `turn`: at right angles and of length one; may mirror
+    pub(super) fn turned_by(self, turn: Mat3, times: f32) -> Facets {
+        let Facets { area_m2, facing_m2, squares_m2: s, products_m2: p } = self.share(times);
+        let outer =
+            Mat3::from_cols(Vec3::new(s.x, p.x, p.z), Vec3::new(p.x, s.y, p.y), Vec3::new(p.z, p.y, s.z));
+        let [x, y, z] = (turn * outer * turn.transpose()).to_cols_array_2d();
+        Facets {
+            area_m2,
+            facing_m2: turn * facing_m2,
+            squares_m2: Vec3::new(x[0], y[1], z[2]),
+            products_m2: Vec3::new(x[1], y[2], z[0]),
+        }
     }
 
     fn share(self, share: f32) -> Facets {
@@ -64,8 +82,20 @@ impl Facets {
         if mean >= reach { mean } else { of_some }
     }
 
+    /// How far the number of it that is farthest off is from another's, m².
+    #[cfg(test)]
+    pub(in crate::technique) fn farthest_from(&self, other: &Facets) -> f32 {
+        let vectors = [
+            self.facing_m2 - other.facing_m2,
+            self.squares_m2 - other.squares_m2,
+            self.products_m2 - other.products_m2,
+        ];
+        let farthest = vectors.into_iter().map(|off| off.abs().max_element()).fold(0.0, f32::max);
+        farthest.max((self.area_m2 - other.area_m2).abs())
+    }
+
     /// Area of one normal.
-    fn flat(area_m2: f32, n: Vec3) -> Facets {
+    pub(super) fn flat(area_m2: f32, n: Vec3) -> Facets {
         Facets {
             area_m2,
             facing_m2: n * area_m2,
@@ -92,12 +122,35 @@ impl std::iter::Sum for Facets {
     }
 }
 
+/// Everything of a piece lies in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ball {
+    pub(super) middle: Vec3,
+    pub(super) reach_m: f32,
+}
+
+impl Ball {
+    /// Of nothing.
+    const EMPTY: Ball = Ball { middle: Vec3::ZERO, reach_m: f32::NEG_INFINITY };
+
+    /// Something of it may lie within a radius of a point.
+    pub(super) fn meets(&self, centre: Vec3, radius_m: f32) -> bool {
+        let least_m = radius_m + self.reach_m;
+        least_m > 0.0 && self.middle.distance_squared(centre) < least_m * least_m
+    }
+}
+
 /// Triangles of a leaf at most.
 const LEAF_COUNT: usize = 4;
 
 /// Pieces of surface that reach at most so far, in radii of the gather, are not cut at its rim: they count by how far in
 /// they lie. There are many of them, some too much and some too little.
 pub(super) const SMALL: f32 = 0.1;
+
+/// A surface of so many triangles that reaches at most so far, in radii of the gather, counts as one such piece, by what of it faces about the
+/// gather's way. In a hall of three thousand chairs, seats of 1,920 triangles, gathers take a third of the time.
+const MANY: usize = 128;
+pub(super) const SMALL_BODY: f32 = 0.2;
 
 /// A triangle as its surface sees it, in render space.
 #[derive(Clone, Copy, Debug)]
@@ -133,6 +186,7 @@ struct Node {
 pub(super) struct Extent {
     faces: Vec<Face>,
     nodes: Vec<Node>,
+    tables: FacingTables,
 }
 
 impl Extent {
@@ -143,7 +197,8 @@ impl Extent {
             .map(|triangle| Face::of(*triangle, corners(*triangle), handedness))
             .filter(|face| face.normal != Vec3::ZERO)
             .collect();
-        let mut extent = Extent { nodes: Vec::with_capacity(faces.len()), faces };
+        let nodes = Vec::with_capacity(faces.len());
+        let mut extent = Extent { faces, nodes, tables: FacingTables::default() };
         if !extent.faces.is_empty() {
             extent.divide(0, extent.faces.len());
         }
@@ -185,6 +240,11 @@ impl Extent {
         self.nodes.first().map_or(0.0, |root| root.facets.area_m2)
     }
 
+    /// Around all triangles.
+    pub(super) fn ball(&self) -> Ball {
+        self.nodes.first().map_or(Ball::EMPTY, |root| Ball { middle: root.middle, reach_m: root.reach_m })
+    }
+
     /// What faces the gather's normal, within a cosine of it, in the ellipsoid around its middle.
     pub(super) fn within(
         &self,
@@ -193,6 +253,11 @@ impl Extent {
         corners: impl Fn(u32) -> [Vec3; 3],
     ) -> Facets {
         let Reach { radius_m, facing_cos } = reach;
+        if self.is_small_beside(radius_m)
+            && let Some(facets) = self.within_as_one(bounds, reach)
+        {
+            return facets;
+        }
         // Single pieces of a surface of few are cut exactly: photons are counted exactly as well.
         let small_m2 = SMALL * SMALL * self.area_m2();
         let mut sum = Facets::default();
@@ -236,6 +301,28 @@ impl Extent {
         sum
     }
 
+    /// It counts as one piece in gathers that reach so far.
+    pub(super) fn is_small_beside(&self, radius_m: f32) -> bool {
+        self.faces.len() >= MANY && self.nodes[0].reach_m <= SMALL_BODY * radius_m
+    }
+
+    /// As [`Extent::within`], as one piece; `None` of cosines that no table is of.
+    fn within_as_one(&self, bounds: &GatherBounds, reach: Reach) -> Option<Facets> {
+        let root = &self.nodes[0];
+        let inside_m = reach.radius_m - bounds.flattened_from(root.middle).length();
+        let before_m = -bounds.walls.behind_m(root.middle - bounds.centre);
+        let share = share_within(inside_m, root.reach_m) * share_within(before_m, root.reach_m);
+        if share == 0.0 {
+            return Some(Facets::default());
+        }
+        let facing = |normal| self.facets_facing(0, normal, reach.facing_cos);
+        let facets = match reach.facing_cos > -1.0 {
+            true => self.tables.facing(bounds.normal, reach.facing_cos, facing)?,
+            false => root.facets,
+        };
+        Some(facets.share(share))
+    }
+
     /// What faces a direction, within a cosine of it, of a node that lies wholly within reach: where its parts lie is not asked.
     fn facets_facing(&self, place: usize, normal: Vec3, facing_cos: f32) -> Facets {
         let mut sum = Facets::default();
@@ -267,7 +354,7 @@ impl Extent {
 
     /// Memory.
     pub(super) fn bytes(&self) -> usize {
-        self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>()
+        self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>() + self.tables.bytes()
     }
 }
 

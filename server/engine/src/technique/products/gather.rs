@@ -107,11 +107,11 @@ struct Near {
 }
 
 /// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
-const FACING_COS: f32 = 0.5;
+pub(super) const FACING_COS: f32 = 0.5;
 /// The same where enough photons lie on such surfaces: the sides of eight-sided columns are 45° apart.
-const ALIKE_COS: f32 = 0.79;
+pub(super) const ALIKE_COS: f32 = 0.79;
 /// Cosine that all have.
-const ANY_COS: f32 = -2.0;
+pub(super) const ANY_COS: f32 = -2.0;
 /// Photons of a gather that must face its normal; with fewer all count.
 const FACING_MIN: usize = 8;
 
@@ -235,7 +235,9 @@ impl PhotonMaps {
             gather.near.clear();
             gather.behind_count = 0;
             for side in sides {
-                if let Some(map) = &maps[side.index()] {
+                if let Some(map) = &maps[side.index()]
+                    && self.surfaces.may_reach(*side, bounds.centre, gather.radius_m)
+                {
                     gather.add_within(*side, map, bounds);
                 }
             }

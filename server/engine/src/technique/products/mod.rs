@@ -11,6 +11,7 @@ mod packed;
 #[cfg(feature = "gpu")]
 mod packed_maps;
 mod patch;
+mod shape;
 mod surfaces;
 mod touched;
 mod walls;

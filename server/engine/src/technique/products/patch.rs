@@ -18,6 +18,19 @@ pub struct Patch {
     pub centroid: Vec3,
 }
 
+impl Patch {
+    /// A triangle with some area.
+    fn whole(triangle: [Vec3; 3]) -> Option<Patch> {
+        let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
+        let area_m2 = (0.5 * (b - a).cross(c - a).length()) as f32;
+        let [low, high] =
+            [triangle[0].min(triangle[1]).min(triangle[2]), triangle[0].max(triangle[1]).max(triangle[2])];
+        // Rounding to single precision may step out of it.
+        let centroid = ((a + b + c) / 3.0).as_vec3().clamp(low, high);
+        (area_m2 > 0.0).then_some(Patch { area_m2, centroid })
+    }
+}
+
 /// Area of the part of `triangle` inside a sphere, m².
 ///
 /// The sphere meets the triangle's plane in a disc of radius √(r² − d²), and the part of a polygon inside a disc is
@@ -115,6 +128,9 @@ pub fn clip_to_box(triangle: [Vec3; 3], min: Vec3, max: Vec3) -> Option<Patch> {
     let (low, high) = (a.min(b).min(c), a.max(b).max(c));
     if high.cmplt(min).any() || low.cmpge(max).any() {
         return None;
+    }
+    if low.cmpge(min).all() && high.cmplt(max).all() {
+        return Patch::whole(triangle);
     }
     let mut polygon = Polygon::of(triangle);
     for axis in 0..3 {

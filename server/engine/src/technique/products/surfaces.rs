@@ -4,20 +4,17 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 #[cfg(feature = "gpu")]
 use super::extent::PackedExtents;
 use super::{
-    crease::CreaseSurfaces,
-    extent::{Extent, Facets},
+    extent::{Ball, Facets},
     gather::{GatherBounds, Reach},
+    shape::{Placed, Shape, ShapeName},
 };
-use crate::{
-    accel::{Accel, Instance},
-    scene::Mesh,
-};
+use crate::accel::{Accel, Instance};
 
 /// One side of one crease surface: twice the surface's number, plus one for the back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -65,43 +62,69 @@ pub struct TriangleSide {
 #[derive(Debug)]
 struct InstanceSurfaces {
     instance: Arc<Instance>,
-    crease: Arc<CreaseSurfaces>,
-    surfaces: Vec<Extent>,
+    shape: Arc<Shape>,
+    placed: Placed,
+    /// `[surfaces]`: around each, render space.
+    balls: Vec<Ball>,
 }
 
 /// All crease surfaces of a scene [Larsen2004, 8.1].
 #[derive(Debug, Default)]
 pub struct Surfaces {
     instances: Vec<Arc<InstanceSurfaces>>,
+    shapes: HashMap<ShapeName, Arc<Shape>>,
     /// Number of each instance's first surface, and of all.
     first: Vec<u32>,
+    /// `[surfaces]`: around each, render space. Most that gathers ask for lie too far away.
+    balls: Vec<Ball>,
     angle_rad: f32,
 }
 
 impl Surfaces {
-    /// Of the instances of `accel`; what `before` knows of those that stayed is taken over.
+    /// Of the instances of `accel`; what `before` knows of those that stayed, and of their shapes, is taken over.
     pub(in crate::technique) fn of(accel: &Accel, angle_rad: f32, before: &Surfaces) -> Surfaces {
-        let known = |index: usize, instance: &Arc<Instance>| {
-            let same = |old: &&Arc<InstanceSurfaces>| Arc::ptr_eq(&old.instance, instance);
-            // Mostly at its old place.
-            before.instances.get(index).filter(same).or_else(|| before.instances.iter().find(same)).cloned()
+        let address = |instance: &Arc<Instance>| Arc::as_ptr(instance).addr();
+        // Both sides hold them, so that none can be another's.
+        let stayed: HashMap<usize, &Arc<InstanceSurfaces>> = match before.angle_rad == angle_rad {
+            true => before.instances.iter().map(|known| (address(&known.instance), known)).collect(),
+            false => HashMap::new(),
         };
-        let instances: Vec<Arc<InstanceSurfaces>> = accel
-            .instances()
-            .par_iter()
-            .enumerate()
-            .map(|(index, instance)| {
-                known(index, instance)
-                    .unwrap_or_else(|| Arc::new(InstanceSurfaces::of(instance, angle_rad, before)))
-            })
-            .collect();
+        let came: Vec<&Arc<Instance>> =
+            accel.instances().iter().filter(|instance| !stayed.contains_key(&address(instance))).collect();
+        let shapes = Surfaces::shapes_of(&came, angle_rad, before);
+        let placed = |instance: &Arc<Instance>| match stayed.get(&address(instance)) {
+            Some(known) => Arc::clone(known),
+            None => Arc::new(InstanceSurfaces::of(instance, &shapes[&ShapeName::of(instance)])),
+        };
+        let instances: Vec<Arc<InstanceSurfaces>> = accel.instances().par_iter().map(placed).collect();
         let mut first = vec![0];
         let mut count = 0;
-        for instance in &instances {
-            count += instance.crease.count();
+        let mut balls = Vec::new();
+        // Shapes that nobody has any more go.
+        let mut kept = HashMap::new();
+        for of_instance in &instances {
+            count += of_instance.shape.crease().count();
             first.push(count);
+            balls.extend_from_slice(&of_instance.balls);
+            kept.entry(ShapeName::of(&of_instance.instance)).or_insert_with(|| of_instance.shape.clone());
         }
-        Surfaces { instances, first, angle_rad }
+        Surfaces { instances, shapes: kept, first, balls, angle_rad }
+    }
+
+    /// The shapes of instances that came, those that are known and those that are not.
+    fn shapes_of(
+        came: &[&Arc<Instance>],
+        angle_rad: f32,
+        before: &Surfaces,
+    ) -> HashMap<ShapeName, Arc<Shape>> {
+        let asked: HashMap<ShapeName, &Arc<Instance>> =
+            came.iter().map(|instance| (ShapeName::of(instance), *instance)).collect();
+        let known = |name: &ShapeName| before.shapes.get(name).filter(|_| before.angle_rad == angle_rad);
+        let shape_of = |(name, instance): (ShapeName, &Arc<Instance>)| {
+            let shape = known(&name).cloned().unwrap_or_else(|| Arc::new(Shape::of(instance, angle_rad)));
+            (name, shape)
+        };
+        asked.into_par_iter().map(shape_of).collect()
     }
 
     /// Number of surfaces.
@@ -129,22 +152,32 @@ impl Surfaces {
 
     /// Number of a triangle's surface among those of its instance.
     pub fn surface_in_instance(&self, instance: u32, triangle: u32) -> u32 {
-        self.instances[instance as usize].crease.surface_of(triangle)
+        self.instances[instance as usize].shape.crease().surface_of(triangle)
+    }
+
+    /// False for a side of which nothing lies within a radius of a point.
+    pub(super) fn may_reach(&self, side: SideId, centre: Vec3, radius_m: f32) -> bool {
+        self.balls[side.surface() as usize].meets(centre, radius_m)
     }
 
     /// What a side of a surface turns to the gather's normal, within a cosine of it, in the ellipsoid around its middle.
     pub(super) fn within(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> Facets {
+        if !self.may_reach(side, bounds.centre, reach.radius_m) {
+            return Facets::default();
+        }
         let (instance, surface) = self.place_of(side.surface());
         let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
         let bounds = GatherBounds { normal, ..*bounds };
-        let front = self.instances[instance].within(surface, &bounds, reach);
+        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
+        let front = shape.within(placed, surface, &bounds, reach);
         if side.is_front() { front } else { front.turned() }
     }
 
     /// Area of a surface, m².
     pub fn area_m2(&self, surface: u32) -> f32 {
         let (instance, surface) = self.place_of(surface);
-        self.instances[instance].surfaces[surface as usize].area_m2()
+        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
+        placed.area_to_render(shape.area(surface))
     }
 
     /// The instance of a surface, and its number there.
@@ -161,7 +194,7 @@ impl Surfaces {
         let mut sides = Vec::with_capacity(2 * self.count() as usize);
         for instance in &self.instances {
             let first = places.get(&Arc::as_ptr(instance)).map(|index| 2 * other.first[*index as usize]);
-            sides.extend((0..2 * instance.crease.count()).map(|side| Some(SideId(first? + side))));
+            sides.extend((0..2 * instance.shape.crease().count()).map(|side| Some(SideId(first? + side))));
         }
         sides
     }
@@ -170,83 +203,39 @@ impl Surfaces {
     #[cfg(feature = "gpu")]
     pub(super) fn packed(&self) -> PackedExtents {
         let mut packed = PackedExtents::default();
-        for of_instance in &self.instances {
-            for surface in &of_instance.surfaces {
-                surface.pack(|triangle| corners(&of_instance.instance, triangle), &mut packed);
-            }
+        for InstanceSurfaces { instance, shape, placed, .. } in self.instances.iter().map(Arc::as_ref) {
+            shape.pack(placed, instance, &mut packed);
         }
         packed
     }
 
+    /// The surface of a side counts as one piece in gathers that reach so far.
+    #[cfg(test)]
+    pub(super) fn is_small_body(&self, side: SideId, radius_m: f32) -> bool {
+        let (instance, surface) = self.place_of(side.surface());
+        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
+        shape.is_small_body(placed, surface, radius_m)
+    }
+
+    /// Meshes and transforms that are told apart.
+    #[cfg(test)]
+    pub(super) fn shape_count(&self) -> usize {
+        self.shapes.len()
+    }
+
     /// Memory.
     pub fn bytes(&self) -> usize {
-        let extents = self.instances.iter().flat_map(|instance| &instance.surfaces);
-        let triangles: usize = extents.map(Extent::bytes).sum();
-        triangles + self.instances.iter().map(|instance| instance.crease.bytes()).sum::<usize>()
+        let shapes: usize = self.shapes.values().map(|shape| shape.bytes()).sum();
+        shapes
+            + 2 * self.balls.len() * size_of::<Ball>()
+            + self.instances.len() * (size_of::<InstanceSurfaces>() + size_of::<u32>())
     }
 }
 
 impl InstanceSurfaces {
-    fn of(instance: &Arc<Instance>, angle_rad: f32, before: &Surfaces) -> InstanceSurfaces {
-        let crease = InstanceSurfaces::crease_of(instance, angle_rad, before);
-        let mut triangles = vec![Vec::new(); crease.count() as usize];
-        for triangle in 0..instance.mesh().triangles().len() as u32 {
-            triangles[crease.surface_of(triangle) as usize].push(triangle);
-        }
-        let surfaces = triangles
-            .iter()
-            .map(|of_one| Extent::of(of_one, |triangle| corners(instance, triangle), instance.handedness()))
-            .collect();
-        InstanceSurfaces { instance: instance.clone(), crease, surfaces }
+    fn of(instance: &Arc<Instance>, shape: &Arc<Shape>) -> InstanceSurfaces {
+        let placed = shape.placed(instance);
+        let balls = shape.balls().map(|ball| placed.ball_to_render(ball)).collect();
+        InstanceSurfaces { instance: instance.clone(), shape: shape.clone(), placed, balls }
     }
-
-    /// Angles stay where a transform turns, moves and scales evenly: the surfaces of a mesh that was seen like that before
-    /// are taken over.
-    fn crease_of(instance: &Instance, angle_rad: f32, before: &Surfaces) -> Arc<CreaseSurfaces> {
-        let mesh_to_render = linear_of(instance);
-        let known = before.instances.iter().find(|known| {
-            Arc::ptr_eq(known.instance.mesh(), instance.mesh())
-                && before.angle_rad == angle_rad
-                && (linear_of(&known.instance) == mesh_to_render
-                    || (keeps_angles(linear_of(&known.instance)) && keeps_angles(mesh_to_render)))
-        });
-        known.map_or_else(
-            || {
-                let mesh: &Mesh = instance.mesh();
-                // Even scaling is left out, so that what follows does not depend on which instance came first.
-                let linear = if keeps_angles(mesh_to_render) { Mat3::IDENTITY } else { mesh_to_render };
-                Arc::new(CreaseSurfaces::split(mesh.positions(), mesh.triangles(), linear, angle_rad))
-            },
-            |known| known.crease.clone(),
-        )
-    }
-
-    fn within(&self, surface: u32, bounds: &GatherBounds, reach: Reach) -> Facets {
-        let corners = |triangle| corners(&self.instance, triangle);
-        self.surfaces[surface as usize].within(bounds, reach, corners)
-    }
-}
-
-fn linear_of(instance: &Instance) -> Mat3 {
-    Mat3::from_cols(
-        instance.vector_to_render(Vec3::X),
-        instance.vector_to_render(Vec3::Y),
-        instance.vector_to_render(Vec3::Z),
-    )
-}
-
-/// Columns at right angles and of one length.
-fn keeps_angles(linear: Mat3) -> bool {
-    let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
-    let size = x.length_squared();
-    let close = |value: f32, target: f32| (value - target).abs() <= 1e-5 * size;
-    close(y.length_squared(), size)
-        && close(z.length_squared(), size)
-        && close(x.dot(y), 0.0)
-        && close(y.dot(z), 0.0)
-        && close(z.dot(x), 0.0)
-}
-
-fn corners(instance: &Instance, triangle: u32) -> [Vec3; 3] {
-    instance.mesh().triangles()[triangle as usize].map(|vertex| instance.vertex_in_render(vertex))
 }

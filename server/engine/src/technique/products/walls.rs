@@ -6,7 +6,7 @@
 
 use std::f32::consts::TAU;
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 
 use crate::{
     accel::{Accel, Hit, Ray},
@@ -96,6 +96,15 @@ impl Walls {
     /// How far behind the wall that it is farthest behind a point lies, negative before all, m.
     pub(in crate::technique) fn behind_m(&self, from_middle: Vec3) -> f32 {
         self.planes().iter().map(|wall| wall.behind_m(from_middle)).fold(f32::NEG_INFINITY, f32::max)
+    }
+
+    /// The same in a space that is turned and whose lengths are so many times as long.
+    pub(super) fn turned_by(&self, turn: Mat3, times: f32) -> Walls {
+        let mut turned = *self;
+        for wall in &mut turned.planes[..self.count] {
+            *wall = Wall { away: turn * wall.away, distance_m: wall.distance_m * times };
+        }
+        turned
     }
 
     /// Cuts off what of a convex polygon lies behind; its corners are given from the middle.

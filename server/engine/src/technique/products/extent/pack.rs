@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::{Extent, Facets, LEAF_COUNT};
+use super::{super::shape::Placed, Extent, Facets, LEAF_COUNT, MANY};
 
 // A leaf's triangles are counted in three bits.
 const _: () = assert!(LEAF_COUNT < 8);
@@ -25,9 +25,10 @@ pub(crate) struct GpuExtentNode {
     pub(crate) end: u32,
     /// Its first triangle, eight times, and how many; none of what has parts.
     pub(crate) faces: u32,
+    /// Of the first of a surface: it counts as one piece where it is small, of tables that are not here.
+    pub(crate) is_tabled: u32,
     pub(crate) padding_0: u32,
     pub(crate) padding_1: u32,
-    pub(crate) padding_2: u32,
 }
 
 /// A triangle with its corners; `Face` in WGSL.
@@ -58,41 +59,49 @@ pub(crate) struct PackedExtents {
 impl Extent {
     /// Adds the surface to those that are packed.
     ///
-    /// - `corners`: of a triangle, as for [`Extent::within`]
+    /// - `placed`: from its own space to render space
+    /// - `corners`: of a triangle, render space
     pub(in crate::technique::products) fn pack(
         &self,
+        placed: &Placed,
         corners: impl Fn(u32) -> [Vec3; 3],
         into: &mut PackedExtents,
     ) {
         let (first_node, first_face) = (into.nodes.len() as u32, into.faces.len() as u32);
-        into.nodes.extend(self.nodes.iter().map(|node| GpuExtentNode {
-            middle: node.middle.to_array(),
-            reach_m: node.reach_m,
-            axis: node.axis.to_array(),
-            cone_cos: node.cone[0],
-            facing_m2: node.facets.facing_m2.to_array(),
-            area_m2: node.facets.area_m2,
-            squares_m2: node.facets.squares_m2.to_array(),
-            cone_sin: node.cone[1],
-            products_m2: node.facets.products_m2.to_array(),
-            end: first_node + node.end,
-            faces: (first_face + node.first) << 3 | node.count,
-            padding_0: 0,
-            padding_1: 0,
-            padding_2: 0,
+        into.nodes.extend(self.nodes.iter().map(|node| {
+            let facets = placed.facets_to_render(node.facets);
+            GpuExtentNode {
+                middle: placed.point_to_render(node.middle).to_array(),
+                reach_m: placed.length_to_render(node.reach_m),
+                axis: placed.direction_to_render(node.axis).to_array(),
+                cone_cos: node.cone[0],
+                facing_m2: facets.facing_m2.to_array(),
+                area_m2: facets.area_m2,
+                squares_m2: facets.squares_m2.to_array(),
+                cone_sin: node.cone[1],
+                products_m2: facets.products_m2.to_array(),
+                end: first_node + node.end,
+                faces: (first_face + node.first) << 3 | node.count,
+                is_tabled: 0,
+                padding_0: 0,
+                padding_1: 0,
+            }
         }));
+        if let Some(root) = into.nodes.get_mut(first_node as usize) {
+            root.is_tabled = u32::from(self.faces.len() >= MANY);
+        }
         into.faces.extend(self.faces.iter().map(|face| {
             let [a, b, c] = corners(face.triangle).map(|corner| corner.to_array());
             GpuFace {
                 a,
-                area_m2: face.area_m2,
+                area_m2: placed.area_to_render(face.area_m2),
                 b,
-                reach_m: face.reach_m,
+                reach_m: placed.length_to_render(face.reach_m),
                 c,
                 padding_0: 0.0,
-                normal: face.normal.to_array(),
+                normal: placed.direction_to_render(face.normal).to_array(),
                 padding_1: 0.0,
-                middle: face.middle.to_array(),
+                middle: placed.point_to_render(face.middle).to_array(),
                 padding_2: 0.0,
             }
         }));
@@ -112,17 +121,5 @@ impl Facets {
             && self.facing_m2.is_finite()
             && self.squares_m2.is_finite()
             && self.products_m2.is_finite()
-    }
-
-    /// How far the number of it that is farthest off is from another's, m².
-    #[cfg(test)]
-    pub(in crate::technique) fn farthest_from(&self, other: &Facets) -> f32 {
-        let vectors = [
-            self.facing_m2 - other.facing_m2,
-            self.squares_m2 - other.squares_m2,
-            self.products_m2 - other.products_m2,
-        ];
-        let farthest = vectors.into_iter().map(|off| off.abs().max_element()).fold(0.0, f32::max);
-        farthest.max((self.area_m2 - other.area_m2).abs())
     }
 }

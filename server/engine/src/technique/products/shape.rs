@@ -1,0 +1,416 @@
+//! What the instances of a mesh have in common: its crease surfaces, and where their triangles lie.
+//!
+//! Surfaces are measured in a space of the shape's own, about one unit wide, and gathers are taken there: three thousand chairs in a hall
+//! are one shape in three thousand places. Places that are turned, mirrored, moved and scaled evenly share one, since angles and shares of
+//! areas stay; otherwise each transform has a shape of its own.
+
+use std::sync::Arc;
+
+use glam::{Mat3, Vec3};
+
+#[cfg(feature = "gpu")]
+use super::extent::PackedExtents;
+use super::{
+    crease::CreaseSurfaces,
+    extent::{Ball, Extent, Facets},
+    gather::{GatherBounds, Reach},
+};
+use crate::{accel::Instance, scene::Mesh};
+
+/// A mesh as one or many instances have it.
+#[derive(Debug)]
+pub(super) struct Shape {
+    mesh: Arc<Mesh>,
+    shape_from_mesh: Mat3,
+    /// By what lengths in metres are multiplied to be in its unit.
+    per_m: f32,
+    crease: CreaseSurfaces,
+    /// `[surfaces]`, in the space of the shape.
+    surfaces: Vec<Extent>,
+}
+
+/// What tells shapes apart, of one crease angle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct ShapeName {
+    /// Address of the mesh, which whoever keeps the name keeps as well.
+    mesh: usize,
+    /// Bits of the transform that the shape has taken in.
+    own: [u32; 9],
+}
+
+impl ShapeName {
+    /// Of the shape that an instance has.
+    pub(super) fn of(instance: &Instance) -> ShapeName {
+        let own = own_linear(instance).to_cols_array().map(f32::to_bits);
+        ShapeName { mesh: Arc::as_ptr(instance.mesh()).addr(), own }
+    }
+}
+
+impl Shape {
+    /// Of an instance; the same whichever of those is asked that have it.
+    pub(super) fn of(instance: &Instance, angle_rad: f32) -> Shape {
+        let mesh = instance.mesh();
+        let own = own_linear(instance);
+        let per_m = units_per_m(mesh, own);
+        let shape_from_mesh = own * per_m;
+        let crease = CreaseSurfaces::split(mesh.positions(), mesh.triangles(), own, angle_rad);
+        let mut triangles = vec![Vec::new(); crease.count() as usize];
+        for triangle in 0..mesh.triangles().len() as u32 {
+            triangles[crease.surface_of(triangle) as usize].push(triangle);
+        }
+        let handedness = if own.determinant() < 0.0 { -1.0 } else { 1.0 };
+        let extent_of = |of_one: &Vec<u32>| {
+            Extent::of(of_one, |triangle| corners(mesh, shape_from_mesh, triangle), handedness)
+        };
+        let surfaces = triangles.iter().map(extent_of).collect();
+        Shape { mesh: mesh.clone(), shape_from_mesh, per_m, crease, surfaces }
+    }
+
+    /// Which triangles belong to which surface.
+    pub(super) fn crease(&self) -> &CreaseSurfaces {
+        &self.crease
+    }
+
+    /// Where an instance has it, one of those that have its name.
+    pub(super) fn placed(&self, instance: &Instance) -> Placed {
+        let linear = linear_of(instance);
+        // Of a transform that the shape has taken in nothing is left but the unit.
+        let (turn, scale) = if keeps_angles(linear) {
+            let scale = linear.x_axis.length();
+            (linear * (1.0 / scale), scale)
+        } else {
+            (Mat3::IDENTITY, 1.0)
+        };
+        Placed { turn, metres: scale / self.per_m, middle: instance.centre_in_render() }
+    }
+
+    /// Area of a surface, in squares of the shape's unit.
+    pub(super) fn area(&self, surface: u32) -> f32 {
+        self.surfaces[surface as usize].area_m2()
+    }
+
+    /// Balls around the surfaces, in the shape's unit.
+    pub(super) fn balls(&self) -> impl Iterator<Item = Ball> {
+        self.surfaces.iter().map(Extent::ball)
+    }
+
+    /// [`Extent::within`] of a surface where the shape is placed.
+    pub(super) fn within(
+        &self,
+        placed: &Placed,
+        surface: u32,
+        bounds: &GatherBounds,
+        reach: Reach,
+    ) -> Facets {
+        let bounds = placed.bounds_in_shape(bounds);
+        let reach = Reach { radius_m: reach.radius_m / placed.metres, ..reach };
+        let corners = |triangle| corners(&self.mesh, self.shape_from_mesh, triangle);
+        placed.facets_to_render(self.surfaces[surface as usize].within(&bounds, reach, corners))
+    }
+
+    /// The surface counts as one piece in gathers that reach so far.
+    #[cfg(test)]
+    pub(super) fn is_small_body(&self, placed: &Placed, surface: u32, radius_m: f32) -> bool {
+        self.surfaces[surface as usize].is_small_beside(radius_m / placed.metres)
+    }
+
+    /// Adds the surfaces to those that are packed, where the shape is placed.
+    #[cfg(feature = "gpu")]
+    pub(super) fn pack(&self, placed: &Placed, instance: &Instance, into: &mut PackedExtents) {
+        let corners = |triangle: u32| {
+            instance.mesh().triangles()[triangle as usize].map(|vertex| instance.vertex_in_render(vertex))
+        };
+        self.surfaces.iter().for_each(|surface| surface.pack(placed, corners, into));
+    }
+
+    /// Memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.crease.bytes() + self.surfaces.iter().map(Extent::bytes).sum::<usize>()
+    }
+}
+
+/// Where an instance has its shape: turned, scaled, moved, in this order.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placed {
+    /// At right angles and of length one, to what [`keeps_angles`] tolerates; may mirror.
+    turn: Mat3,
+    /// The shape's unit, m.
+    metres: f32,
+    /// Of its origin, render space.
+    middle: Vec3,
+}
+
+impl Placed {
+    /// A point of the shape in render space.
+    pub(super) fn point_to_render(&self, p: Vec3) -> Vec3 {
+        self.turn * (p * self.metres) + self.middle
+    }
+
+    /// A unit vector.
+    #[cfg(feature = "gpu")]
+    pub(super) fn direction_to_render(&self, direction: Vec3) -> Vec3 {
+        self.turn * direction
+    }
+
+    /// A length, m.
+    pub(super) fn length_to_render(&self, length: f32) -> f32 {
+        length * self.metres
+    }
+
+    /// An area, m².
+    pub(super) fn area_to_render(&self, area: f32) -> f32 {
+        area * self.metres * self.metres
+    }
+
+    /// A piece of the shape's surface.
+    pub(super) fn facets_to_render(&self, facets: Facets) -> Facets {
+        facets.turned_by(self.turn, self.metres * self.metres)
+    }
+
+    /// Around what is placed here, with room for what rounding moves in render space: photons fall there.
+    pub(super) fn ball_to_render(&self, ball: Ball) -> Ball {
+        let middle = self.point_to_render(ball.middle);
+        let reach_m = self.length_to_render(ball.reach_m);
+        let rounding_m =
+            (middle.abs().max(self.middle.abs()).max_element() + reach_m) * (16.0 * f32::EPSILON);
+        Ball { middle, reach_m: reach_m * 1.0001 + rounding_m }
+    }
+
+    fn bounds_in_shape(&self, bounds: &GatherBounds) -> GatherBounds {
+        let shape_from_render = self.turn.transpose();
+        let per_m = 1.0 / self.metres;
+        GatherBounds {
+            centre: shape_from_render * (bounds.centre - self.middle) * per_m,
+            normal: shape_from_render * bounds.normal,
+            radius_m: bounds.radius_m * per_m,
+            radius_max_m: bounds.radius_max_m * per_m,
+            walls: bounds.walls.turned_by(shape_from_render, per_m),
+            ..*bounds
+        }
+    }
+}
+
+/// What a shape takes in of the transform of an instance: nothing where that turns, mirrors, moves and scales evenly.
+fn own_linear(instance: &Instance) -> Mat3 {
+    let linear = linear_of(instance);
+    if keeps_angles(linear) { Mat3::IDENTITY } else { linear }
+}
+
+/// From mesh to render space, without the move.
+fn linear_of(instance: &Instance) -> Mat3 {
+    Mat3::from_cols(
+        instance.vector_to_render(Vec3::X),
+        instance.vector_to_render(Vec3::Y),
+        instance.vector_to_render(Vec3::Z),
+    )
+}
+
+/// Columns at right angles and of one length.
+fn keeps_angles(linear: Mat3) -> bool {
+    let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
+    let size = x.length_squared();
+    let close = |value: f32, target: f32| (value - target).abs() <= 1e-5 * size;
+    close(y.length_squared(), size)
+        && close(z.length_squared(), size)
+        && close(x.dot(y), 0.0)
+        && close(y.dot(z), 0.0)
+        && close(z.dot(x), 0.0)
+}
+
+/// By what lengths are multiplied to be in the shape's unit: a power of two that makes the mesh between one and two wide, so that squares of
+/// areas stay numbers whatever unit the mesh is in.
+fn units_per_m(mesh: &Mesh, own: Mat3) -> f32 {
+    let farthest = mesh.positions().iter().map(|p| (own * *p).abs().max_element()).fold(0.0, f32::max);
+    let power = if farthest > 0.0 { -(farthest.log2().floor()).clamp(-100.0, 100.0) } else { 0.0 };
+    2f32.powi(power as i32)
+}
+
+fn corners(mesh: &Mesh, shape_from_mesh: Mat3, triangle: u32) -> [Vec3; 3] {
+    mesh.triangles()[triangle as usize].map(|vertex| shape_from_mesh * mesh.positions()[vertex as usize])
+}
+
+#[cfg(test)]
+mod tests {
+    use std::num::NonZeroUsize;
+
+    use glam::{DAffine3, DMat3, DQuat, DVec3};
+
+    use super::*;
+    use crate::{
+        math::{Rgb, sobol::point, warp},
+        scene::{
+            Id, Material, Node,
+            samples::{self, Stage},
+        },
+        technique::{
+            CREASE_ANGLE_RAD, SideId, Surfaces,
+            products::{
+                gather::{ALIKE_COS, ANY_COS, FACING_COS},
+                walls::Walls,
+            },
+        },
+        transport::World,
+    };
+
+    /// One ball of a metre, flattened a little so that it has no symmetry, in some places.
+    fn balls(rings: u32, places: &[DAffine3]) -> World {
+        let mut stage = Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let mut ball = samples::sphere(DVec3::new(0.3, 0.1, 0.0), 1.0, rings, &white);
+        ball.positions.iter_mut().for_each(|p| *p *= DVec3::new(1.0, 0.8, 0.7));
+        // Its own normals are those of a round one.
+        ball.normals.clear();
+        stage.place("ball", ball, places[0]).unwrap();
+        for (place, parent_from_node) in places.iter().enumerate().skip(1) {
+            let (id, mesh) = (Id::new(&format!("ball {place}")).unwrap(), Id::new("ball"));
+            stage
+                .builder()
+                .add_node(id, Node { parent: None, parent_from_node: *parent_from_node, mesh })
+                .unwrap();
+        }
+        World::prepare(Arc::new(stage.finish()))
+    }
+
+    fn surfaces_of(world: &World, before: &Surfaces) -> Surfaces {
+        Surfaces::of(world.accel(), CREASE_ANGLE_RAD, before)
+    }
+
+    /// Turned, mirrored, moved far away, made small and large, and sheared.
+    fn places() -> [DAffine3; 6] {
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.4));
+        let at = |scale: DVec3, middle: DVec3| DAffine3::from_scale_rotation_translation(scale, turn, middle);
+        let sheared = DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.0, -0.2, -0.7));
+        [
+            DAffine3::IDENTITY,
+            at(DVec3::ONE, DVec3::new(5.0, -3.0, 2.0)),
+            at(DVec3::new(-1.0, 1.0, 1.0), DVec3::new(-8.0, 1.0, 0.0)),
+            at(DVec3::splat(0.02), DVec3::new(0.0, 4.0, 0.0)),
+            at(DVec3::splat(30.0), DVec3::new(90.0, 0.0, 0.0)),
+            DAffine3 { matrix3: sheared, translation: DVec3::new(0.0, 0.0, -7.0) },
+        ]
+    }
+
+    /// What lies within a gather is what lies within it of the same triangles in render space, wherever the shape is placed.
+    #[test]
+    fn areas_are_those_of_the_triangles_where_they_stand() {
+        let world = balls(6, &places());
+        let surfaces = surfaces_of(&world, &Surfaces::default());
+        let mut found_some = 0;
+        for (index, instance) in (0..).zip(world.accel().instances()) {
+            assert_eq!(surfaces.first_surface(index + 1) - surfaces.first_surface(index), 1);
+            let in_render = |triangle: u32| {
+                instance.mesh().triangles()[triangle as usize].map(|v| instance.vertex_in_render(v))
+            };
+            let triangles: Vec<u32> = (0..instance.mesh().triangles().len() as u32).collect();
+            let expected = Extent::of(&triangles, in_render, instance.handedness());
+            let ball = expected.ball();
+            let whole_m2 = expected.area_m2();
+            let area_m2 = surfaces.area_m2(index);
+            assert!((area_m2 / whole_m2 - 1.0).abs() < 3e-5, "{index}: {area_m2} for {whole_m2}");
+            for number in 0..60 {
+                let [a, b, c, d] = point(31, number);
+                let [e, f, ..] = point(32, number);
+                let centre = ball.middle + warp::sphere([a, b]) * (ball.reach_m * c);
+                let normal = warp::sphere([d, e]);
+                let walls = Walls::at([
+                    (warp::sphere([f, a]), 0.3 * ball.reach_m),
+                    (warp::sphere([b, f]), ball.reach_m),
+                ]);
+                let count = NonZeroUsize::MIN;
+                let bounds = GatherBounds {
+                    centre,
+                    normal,
+                    radius_m: 1.0,
+                    count_min: count,
+                    count_max: count,
+                    radius_max_m: 1.0,
+                    count_narrow: count,
+                    walls: if number % 2 == 0 { walls } else { Walls::default() },
+                };
+                let facing_cos = [FACING_COS, ALIKE_COS, ANY_COS][number as usize % 3];
+                let reach = Reach { radius_m: ball.reach_m * (0.2 + 1.5 * d), facing_cos };
+                let front = expected.within(&bounds, reach, in_render);
+                let own = surfaces.within(SideId::of(index, true), &bounds, reach);
+                let off_m2 = own.farthest_from(&front);
+                assert!(off_m2 < 1e-4 * whole_m2, "{index} {number}: {own:?} for {front:?}");
+                found_some += u32::from(front.area_m2 > 0.1 * whole_m2);
+                // From the other side the other half of it faces.
+                let turned = GatherBounds { normal: -normal, ..bounds };
+                let back = expected.within(&turned, reach, in_render).turned();
+                let own = surfaces.within(SideId::of(index, false), &bounds, reach);
+                assert!(own.farthest_from(&back) < 1e-4 * whole_m2, "{index} {number}: {own:?} for {back:?}");
+            }
+        }
+        assert!(found_some > 100, "{found_some}");
+    }
+
+    /// Instances that are only turned, mirrored, moved or scaled have one shape, of an edit no other; whoever came first, it is the same.
+    #[test]
+    fn instances_share_shapes() {
+        let world = balls(8, &places());
+        let surfaces = surfaces_of(&world, &Surfaces::default());
+        assert_eq!(surfaces.shape_count(), 2, "one for all, one for what is sheared");
+        let after = surfaces_of(&balls(8, &places()[..2]), &surfaces);
+        assert_eq!(after.shape_count(), 1, "what nobody has is let go");
+        assert_eq!(surfaces_of(&world, &surfaces).shape_count(), 2);
+        let twice = balls(8, &[places()[4], places()[0]]);
+        let [first, second] = [0, 1].map(|instance| {
+            let shape = Shape::of(&twice.accel().instances()[instance], CREASE_ANGLE_RAD);
+            format!("{:?}", shape.surfaces)
+        });
+        assert!(first == second, "it does not depend on the instance");
+    }
+
+    /// A ball of many triangles counts as one piece in gathers that reach far beyond it: with the cosines of what faces them, and at the rim
+    /// and beside walls by half where those go through its middle.
+    #[test]
+    fn small_bodies_count_as_one_piece() {
+        let world = balls(24, &[places()[1]]);
+        let surfaces = surfaces_of(&world, &Surfaces::default());
+        let instance = &world.accel().instances()[0];
+        let normal_of = |triangle| instance.normal_to_render(instance.face_normal(triangle)).normalize();
+        let triangles = instance.mesh().triangles().len() as u32;
+        let area_of = |triangle: u32| {
+            let [a, b, c] =
+                instance.mesh().triangles()[triangle as usize].map(|v| instance.vertex_in_render(v));
+            0.5 * (b - a).cross(c - a).length()
+        };
+        let middle = instance.centre_in_render();
+        for number in 0..200 {
+            let [a, b, c, d] = point(41, number);
+            let normal = warp::sphere([a, b]);
+            let away = warp::sphere([c, d]);
+            let (far, beside) = (middle + 3.0 * away, middle - 12.0 * away);
+            let count = NonZeroUsize::MIN;
+            let bounds = GatherBounds {
+                centre: far,
+                normal,
+                radius_m: 1.0,
+                count_min: count,
+                count_max: count,
+                radius_max_m: 1.0,
+                count_narrow: count,
+                walls: Walls::default(),
+            };
+            for facing_cos in [FACING_COS, ALIKE_COS, ANY_COS] {
+                let reach = Reach { radius_m: 40.0, facing_cos };
+                let facing = (0..triangles).filter(|triangle| normal_of(*triangle).dot(normal) >= facing_cos);
+                let exact: Facets =
+                    facing.map(|triangle| Facets::flat(area_of(triangle), normal_of(triangle))).sum();
+                let found = surfaces.within(SideId::of(0, true), &bounds, reach);
+                let off = found.farthest_from(&exact) / exact.area_m2;
+                assert!(off < 0.3, "{number} {facing_cos}: {found:?} for {exact:?}");
+                let cos = |facets: &Facets| facets.mean_cos(normal);
+                assert!((cos(&found) / cos(&exact) - 1.0).abs() < 0.05, "{found:?} for {exact:?}");
+                // The middle is on a wall, or on the rim.
+                let behind = GatherBounds { walls: Walls::at([(away, 12.0); 2]), centre: beside, ..bounds };
+                let half = surfaces.within(SideId::of(0, true), &behind, reach).area_m2;
+                assert!((half / found.area_m2 - 0.5).abs() < 1e-3, "{half} of {found:?}");
+                let upright =
+                    GatherBounds { centre: middle - 40.0 * normal.any_orthonormal_vector(), ..bounds };
+                let half = surfaces.within(SideId::of(0, true), &upright, reach).area_m2;
+                assert!((half / found.area_m2 - 0.5).abs() < 0.01, "{half} of {found:?}");
+            }
+        }
+    }
+}
