@@ -1,6 +1,6 @@
 //! What the cells of the cube cut off the triangles of an instance.
 
-use std::sync::Arc;
+use std::{f32::consts::SQRT_2, sync::Arc};
 
 use glam::{UVec3, Vec3};
 use rayon::prelude::*;
@@ -8,11 +8,9 @@ use rayon::prelude::*;
 use super::{cube::Cube, voxels::morton};
 use crate::{
     accel::Instance,
-    technique::{Surfaces, clip_to_box},
+    technique::{PartVisitor, PlacedPart, Surfaces, clip_to_box},
 };
 
-/// Triangles that are cut as one piece of work.
-const CHUNK: usize = 2048;
 /// Layers that a cell is cut into for telling sheets apart.
 const LAYERS: f32 = 4.0;
 
@@ -64,25 +62,13 @@ pub(super) fn pieces_of(
     surfaces: &Surfaces,
     cube: &Cube,
 ) -> InstancePieces {
-    let count = instance.mesh().triangles().len();
-    let of_chunk = |first: usize| {
-        let mut cut = Cut { cube, pieces: Vec::new() };
-        for triangle in first..(first + CHUNK).min(count) {
-            let corners = instance.mesh().triangles()[triangle].map(|v| instance.vertex_in_render(v));
-            let [a, b, c] = corners;
-            let n = ((b - a).cross(c - a) * instance.handedness()).normalize_or_zero();
-            if n != Vec3::ZERO {
-                let surface = surfaces.surface_in_instance(index, triangle as u32);
-                let (cell, level) = cube.around_all(corners);
-                let face = Face { corners, n, surface };
-                // What is surely in one leaf need not be asked whether it meets it.
-                if level == cube.depth { cut.leaf(&face, cell) } else { cut.cut(&face, cell, level) }
-            }
-        }
+    let of_work = |work: (u32, usize)| {
+        let mut cut = Cut { cube, instance, surface: work.0, pieces: Vec::new() };
+        surfaces.visit(index, work, &mut cut);
         cut.pieces
     };
-    let mut pieces: Vec<Piece> =
-        (0..count.div_ceil(CHUNK)).into_par_iter().flat_map_iter(|chunk| of_chunk(chunk * CHUNK)).collect();
+    let work = surfaces.pieces_of_work(index);
+    let mut pieces: Vec<Piece> = work.into_par_iter().flat_map_iter(of_work).collect();
     // By name, then as they came: sums are added up in the order of triangles.
     pieces.sort_by_key(Piece::name);
     pieces.dedup_by(|next, kept| kept.takes_in(next));
@@ -92,15 +78,80 @@ pub(super) fn pieces_of(
 struct Face {
     corners: [Vec3; 3],
     n: Vec3,
-    surface: u32,
 }
 
+/// The pieces that a surface is cut into.
 struct Cut<'a> {
     cube: &'a Cube,
+    instance: &'a Instance,
+    surface: u32,
     pieces: Vec<Piece>,
 }
 
+impl PartVisitor for Cut<'_> {
+    /// What lies in one layer of one leaf and faces one axis is one piece: most of what is finely tessellated.
+    fn takes(&mut self, part: &PlacedPart<'_>) -> bool {
+        let (middle, reach_m) = part.ball();
+        let (cell, level) = self.cube.around_all([middle - reach_m, middle, middle + reach_m]);
+        if level < self.cube.depth {
+            return false;
+        }
+        let (facing, chord) = part.facing();
+        let axis = axis_of(facing);
+        let along = usize::from(axis / 2);
+        let size = facing.abs();
+        let others = size[(along + 1) % 3].max(size[(along + 2) % 3]);
+        if size[along] - others <= SQRT_2 * chord || size[along] <= chord {
+            return false;
+        }
+        let [first, last] =
+            [middle[along] - reach_m, middle[along] + reach_m].map(|at| self.layer_of(cell, along, at));
+        if first != last {
+            return false;
+        }
+        let (area_m2, [centre, normal]) = part.sums();
+        self.add(Piece {
+            code: morton(cell),
+            surface: self.surface,
+            axis,
+            layer: first,
+            area_m2,
+            centre,
+            normal,
+        });
+        true
+    }
+
+    fn triangle(&mut self, triangle: u32) {
+        let instance = self.instance;
+        let corners =
+            instance.mesh().triangles()[triangle as usize].map(|vertex| instance.vertex_in_render(vertex));
+        let [a, b, c] = corners;
+        let n = ((b - a).cross(c - a) * instance.handedness()).normalize_or_zero();
+        if n != Vec3::ZERO {
+            let (cell, level) = self.cube.around_all(corners);
+            let face = Face { corners, n };
+            // What is surely in one leaf need not be asked whether it meets it.
+            if level == self.cube.depth { self.leaf(&face, cell) } else { self.cut(&face, cell, level) }
+        }
+    }
+}
+
 impl Cut<'_> {
+    /// Layer of a leaf along an axis that a place lies in.
+    fn layer_of(&self, cell: UVec3, along: usize, at: f32) -> u8 {
+        let [low, _] = self.cube.corners(cell, self.cube.depth);
+        let layer = (at - low[along]) / self.cube.size_of(cell)[along] * LAYERS;
+        layer.clamp(0.0, LAYERS - 1.0) as u8
+    }
+
+    fn add(&mut self, piece: Piece) {
+        // Neighbours mostly have one name: fewer are left to sort.
+        if !self.pieces.last_mut().is_some_and(|last| last.takes_in(&piece)) {
+            self.pieces.push(piece);
+        }
+    }
+
     /// Follows the face down to the leaves.
     fn cut(&mut self, face: &Face, cell: UVec3, level: u32) {
         let [low, high] = self.cube.corners(cell, level);
@@ -124,20 +175,15 @@ impl Cut<'_> {
         if patch.area_m2 > 0.0 {
             let axis = axis_of(face.n);
             let along = usize::from(axis / 2);
-            let layer = (patch.centroid[along] - low[along]) / self.cube.size_of(cell)[along] * LAYERS;
-            let piece = Piece {
+            self.add(Piece {
                 code: morton(cell),
-                surface: face.surface,
+                surface: self.surface,
                 axis,
-                layer: layer.clamp(0.0, LAYERS - 1.0) as u8,
+                layer: self.layer_of(cell, along, patch.centroid[along]),
                 area_m2: patch.area_m2,
                 centre: patch.centroid * patch.area_m2,
                 normal: face.n * patch.area_m2,
-            };
-            // Neighbours mostly have one name: a seat of 1,920 triangles leaves a tenth as many to sort.
-            if !self.pieces.last_mut().is_some_and(|last| last.takes_in(&piece)) {
-                self.pieces.push(piece);
-            }
+            });
         }
     }
 }
@@ -168,15 +214,73 @@ pub(super) fn axis_of(n: Vec3) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use glam::{DAffine3, DQuat, DVec3};
+
     use super::super::cube::tests::cube;
     use super::*;
-    use crate::math::sobol::point;
+    use crate::{
+        math::{Rgb, sobol::point},
+        scene::{
+            Material,
+            samples::{self, Stage},
+        },
+        technique::CREASE_ANGLE_RAD,
+        transport::World,
+    };
+
+    /// A ball of so many rings and 0.3 m, and a box, turned and mirrored.
+    fn world(rings: u32) -> World {
+        let mut stage = Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let turn = DQuat::from_scaled_axis(DVec3::new(0.3, 1.2, -0.4));
+        let at = DAffine3::from_scale_rotation_translation(DVec3::new(-0.3, 0.3, 0.3), turn, DVec3::ZERO);
+        stage.place("ball", samples::sphere(DVec3::ZERO, 1.0, rings, &white), at).unwrap();
+        stage.place("box", samples::cuboid(DVec3::splat(-0.7), DVec3::splat(0.2), &white), at).unwrap();
+        World::prepare(Arc::new(stage.finish()))
+    }
+
+    /// What is taken together leaves the pieces that its triangles leave one by one.
+    #[test]
+    fn parts_leave_the_pieces_of_their_triangles() {
+        let world = world(40);
+        let accel = world.accel();
+        let surfaces = Surfaces::of(accel, CREASE_ANGLE_RAD, &Surfaces::default());
+        let mut taken = 0;
+        for (low, depth) in
+            [(Vec3::splat(-0.5), 1), (Vec3::new(-0.5, -0.53, -0.47), 3), (Vec3::splat(-0.5), 6)]
+        {
+            let cube = cube(low, depth, 1);
+            for (index, instance) in (0u32..).zip(accel.instances()) {
+                let together = pieces_of(instance, index, &surfaces, &cube).pieces;
+                let mut one_by_one = Vec::new();
+                for triangle in 0..instance.mesh().triangles().len() as u32 {
+                    let surface = surfaces.surface_in_instance(index, triangle);
+                    let mut cut = Cut { cube: &cube, instance, surface, pieces: Vec::new() };
+                    cut.triangle(triangle);
+                    one_by_one.append(&mut cut.pieces);
+                }
+                taken += usize::from(together.len() * 8 < one_by_one.len());
+                one_by_one.sort_by_key(Piece::name);
+                one_by_one.dedup_by(|next, kept| kept.takes_in(next));
+                assert_eq!(together.len(), one_by_one.len());
+                for (a, b) in together.iter().zip(&one_by_one) {
+                    assert_eq!(a.name(), b.name());
+                    assert!((a.area_m2 / b.area_m2 - 1.0).abs() < 1e-3, "{a:?} for {b:?}");
+                    assert!(a.centre.distance(b.centre) < 1e-3 * b.area_m2, "{a:?} for {b:?}");
+                    assert!(a.normal.distance(b.normal) < 1e-3 * b.area_m2, "{a:?} for {b:?}");
+                }
+            }
+        }
+        assert!(taken > 0);
+    }
 
     /// Followed down from the smallest cell that holds it a triangle leaves the pieces that it leaves from the top, wherever the cube
     /// lies, also where corners lie in planes between cells.
     #[test]
     fn triangles_leave_the_same_pieces_from_their_own_cell_on() {
         let (mut small_count, mut nested_count) = (0, 0);
+        let world = world(4);
+        let instance = &world.accel().instances()[0];
         for (index, low) in (0..6000u32).zip([0.0, -0.5, 1e3, -3e4, -30.3].into_iter().cycle()) {
             let cube = cube(Vec3::splat(low), 5, index / 5);
             let [x, y, z, size] = point(1, index);
@@ -197,9 +301,9 @@ mod tests {
             });
             let [a, b, c] = corners;
             let n = (b - a).cross(c - a).normalize_or_zero();
-            let face = Face { corners, n, surface: 0 };
+            let face = Face { corners, n };
             let pieces_from = |cell: UVec3, level: u32| {
-                let mut cut = Cut { cube: &cube, pieces: Vec::new() };
+                let mut cut = Cut { cube: &cube, instance, surface: 0, pieces: Vec::new() };
                 cut.cut(&face, cell, level);
                 cut.pieces
             };

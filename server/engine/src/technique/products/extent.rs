@@ -17,6 +17,7 @@ pub(crate) use self::pack::{GpuExtentNode, GpuFace};
 use super::{
     gather::{FLATNESS, GatherBounds, Reach},
     patch,
+    shape::Placed,
 };
 use tabled::FacingTables;
 
@@ -140,6 +141,47 @@ impl Ball {
     }
 }
 
+/// A whole surface where it is placed, render space: what most gathers need to know of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Whole {
+    ball: Ball,
+    /// Axis of a cone that holds all normals, whatever rounding does, and cosine and sine of its half angle.
+    axis: Vec3,
+    cone: [f32; 2],
+    facets: Facets,
+}
+
+/// By how much the cosine of the cone around a placed surface is less than in its own space, where transforms are even to 1e-5.
+const CONE_SLACK: f32 = 1e-4;
+
+impl Whole {
+    /// Something of it may lie within a radius of a point.
+    pub(super) fn meets(&self, centre: Vec3, radius_m: f32) -> bool {
+        self.ball.meets(centre, radius_m)
+    }
+
+    pub(super) fn area_m2(&self) -> f32 {
+        self.facets.area_m2
+    }
+
+    /// As [`Extent::within`], where all of it counts or nothing; `None` where it must be looked at.
+    pub(super) fn within(&self, bounds: &GatherBounds, reach: Reach) -> Option<Facets> {
+        let Ball { middle, reach_m } = self.ball;
+        if !self.meets(bounds.centre, reach.radius_m) {
+            return Some(Facets::default());
+        }
+        match facing_of(self.axis, self.cone, bounds.normal, reach.facing_cos) {
+            Facing::None => Some(Facets::default()),
+            Facing::Some => None,
+            Facing::All => {
+                let is_within = bounds.flattened_from(middle).length() + FLATNESS * reach_m <= reach.radius_m;
+                let is_before = bounds.walls.behind_m(middle - bounds.centre) <= -reach_m;
+                (is_within && is_before).then_some(self.facets)
+            }
+        }
+    }
+}
+
 /// Triangles of a leaf at most.
 const LEAF_COUNT: usize = 4;
 
@@ -168,6 +210,8 @@ struct Face {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     facets: Facets,
+    /// Sum of its triangles' middles times their areas, m³.
+    moment_m3: Vec3,
     middle: Vec3,
     /// No corner lies farther from the middle, m.
     reach_m: f32,
@@ -230,8 +274,9 @@ impl Extent {
         if self.nodes[place].count == 0 {
             // Part by part: a million small numbers added to a large one would lose a percent.
             let second = self.nodes[place + 1].end as usize;
-            self.nodes[place].facets =
-                [place + 1, second].map(|part| self.nodes[part].facets).into_iter().sum();
+            let parts = [place + 1, second].map(|part| self.nodes[part]);
+            self.nodes[place].facets = parts.iter().map(|part| part.facets).sum();
+            self.nodes[place].moment_m3 = parts.iter().map(|part| part.moment_m3).sum();
         }
     }
 
@@ -241,8 +286,23 @@ impl Extent {
     }
 
     /// Around all triangles.
+    #[cfg(test)]
     pub(super) fn ball(&self) -> Ball {
         self.nodes.first().map_or(Ball::EMPTY, |root| Ball { middle: root.middle, reach_m: root.reach_m })
+    }
+
+    /// All triangles where they are placed.
+    pub(super) fn whole(&self, placed: &Placed) -> Whole {
+        let Some(root) = self.nodes.first() else {
+            return Whole { ball: Ball::EMPTY, axis: Vec3::Z, cone: [-1.0, 0.0], facets: Facets::default() };
+        };
+        let cos = (root.cone[0] - CONE_SLACK).max(-1.0);
+        Whole {
+            ball: placed.ball_to_render(Ball { middle: root.middle, reach_m: root.reach_m }),
+            axis: placed.direction_to_render(root.axis),
+            cone: [cos, (1.0 - cos * cos).max(0.0).sqrt()],
+            facets: placed.facets_to_render(root.facets),
+        }
     }
 
     /// What faces the gather's normal, within a cosine of it, in the ellipsoid around its middle.
@@ -347,6 +407,33 @@ impl Extent {
         sum
     }
 
+    /// Parts of so many nodes at most that together are all of it, in order: pieces of work.
+    pub(super) fn pieces_of_work(&self, node_count_max: usize) -> Vec<usize> {
+        let mut found = Vec::new();
+        let mut at = 0;
+        while let Some(node) = self.nodes.get(at) {
+            let is_piece = node.end as usize - at <= node_count_max || node.count > 0;
+            found.extend(is_piece.then_some(at));
+            at = if is_piece { node.end as usize } else { at + 1 };
+        }
+        found
+    }
+
+    /// Goes through the triangles of a part: of those that the visitor takes together none alone.
+    pub(super) fn visit(&self, part: usize, placed: &Placed, visitor: &mut impl PartVisitor) {
+        let end = self.nodes[part].end as usize;
+        let mut at = part;
+        while at < end {
+            let node = &self.nodes[at];
+            if visitor.takes(&PlacedPart { node, placed }) {
+                at = node.end as usize;
+                continue;
+            }
+            self.faces_of(node).iter().for_each(|face| visitor.triangle(face.triangle));
+            at += 1;
+        }
+    }
+
     /// Its own triangles.
     fn faces_of(&self, node: &Node) -> &[Face] {
         &self.faces[node.first as usize..(node.first + node.count) as usize]
@@ -355,6 +442,44 @@ impl Extent {
     /// Memory.
     pub(super) fn bytes(&self) -> usize {
         self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>() + self.tables.bytes()
+    }
+}
+
+/// Who looks at the triangles of a surface, together where they lie together.
+pub(in crate::technique) trait PartVisitor {
+    /// True if the part is taken as a whole.
+    fn takes(&mut self, part: &PlacedPart<'_>) -> bool;
+    /// A triangle of no part that was taken.
+    fn triangle(&mut self, triangle: u32);
+}
+
+/// Some triangles of a surface that lie together, render space.
+#[derive(Clone, Copy)]
+pub(in crate::technique) struct PlacedPart<'a> {
+    node: &'a Node,
+    placed: &'a Placed,
+}
+
+impl PlacedPart<'_> {
+    /// Middle and reach, m: all of it lies within, whatever rounding does.
+    pub(in crate::technique) fn ball(&self) -> (Vec3, f32) {
+        let ball = Ball { middle: self.node.middle, reach_m: self.node.reach_m };
+        let Ball { middle, reach_m } = self.placed.ball_to_render(ball);
+        (middle, reach_m)
+    }
+
+    /// A direction, and how far from it a normal of the part may be, by the chord.
+    pub(in crate::technique) fn facing(&self) -> (Vec3, f32) {
+        let [cos, _] = self.node.cone;
+        // |a − b|² = 2 − 2 cos of the angle between unit vectors; a turn is right to 1e-5.
+        (self.placed.direction_to_render(self.node.axis), (2.0 - 2.0 * cos).max(0.0).sqrt() + 1e-4)
+    }
+
+    /// Its area, m², and the sums of its triangles' middles and of their normals times their areas.
+    pub(in crate::technique) fn sums(&self) -> (f32, [Vec3; 2]) {
+        let facets = self.placed.facets_to_render(self.node.facets);
+        let moment = self.placed.moment_to_render(self.node.moment_m3, self.node.facets.area_m2);
+        (facets.area_m2, [moment, facets.facing_m2])
     }
 }
 
@@ -382,6 +507,7 @@ impl Node {
         let reach = |face: &Face| face.middle.distance(middle) + face.reach_m;
         Node {
             facets: faces.iter().map(|face| face.facets(face.area_m2)).sum(),
+            moment_m3: faces.iter().map(|face| face.middle * face.area_m2).sum(),
             middle,
             reach_m: faces.iter().map(reach).fold(0.0, f32::max) * 1.0001,
             axis,
@@ -393,16 +519,23 @@ impl Node {
     }
 
     fn facing(&self, normal: Vec3, facing_cos: f32) -> Facing {
-        let [cos, sin] = self.cone;
-        let axis_cos = self.axis.dot(normal).clamp(-1.0, 1.0);
-        let across = (1.0 - axis_cos * axis_cos).sqrt() * sin;
-        if facing_cos <= -1.0 || (axis_cos >= -cos && axis_cos * cos - across >= facing_cos) {
-            Facing::All
-        } else if axis_cos < cos && axis_cos * cos + across < facing_cos {
-            Facing::None
-        } else {
-            Facing::Some
-        }
+        facing_of(self.axis, self.cone, normal, facing_cos)
+    }
+}
+
+/// Which normals of a cone face a direction, within a cosine of it.
+///
+/// - `cos`, `sin`: of its half angle
+#[inline]
+fn facing_of(axis: Vec3, [cos, sin]: [f32; 2], normal: Vec3, facing_cos: f32) -> Facing {
+    let axis_cos = axis.dot(normal).clamp(-1.0, 1.0);
+    let across = (1.0 - axis_cos * axis_cos).sqrt() * sin;
+    if facing_cos <= -1.0 || (axis_cos >= -cos && axis_cos * cos - across >= facing_cos) {
+        Facing::All
+    } else if axis_cos < cos && axis_cos * cos + across < facing_cos {
+        Facing::None
+    } else {
+        Facing::Some
     }
 }
 

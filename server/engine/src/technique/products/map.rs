@@ -57,6 +57,8 @@ pub struct PhotonMaps {
     pub(super) surfaces: Arc<Surfaces>,
     /// `[class][side]`.
     pub(super) sides: [Vec<Option<Arc<SideMap>>>; 2],
+    /// `[class]`.
+    photon_counts: [usize; 2],
 }
 
 impl PhotonMaps {
@@ -106,7 +108,10 @@ impl PhotonMaps {
                 },
             );
         }
-        PhotonMaps { surfaces, sides }
+        let count =
+            |maps: &Vec<Option<Arc<SideMap>>>| maps.iter().flatten().map(|map| map.photons.len()).sum();
+        let photon_counts = [count(&sides[0]), count(&sides[1])];
+        PhotonMaps { surfaces, sides, photon_counts }
     }
 
     /// The surfaces they lie on.
@@ -126,8 +131,7 @@ impl PhotonMaps {
 
     /// Photons in all maps of a class.
     pub fn photon_count(&self, class: PathClass) -> usize {
-        let Some(index) = MAPPED.iter().position(|mapped| *mapped == class) else { return 0 };
-        self.sides[index].iter().flatten().map(|map| map.photons.len()).sum()
+        MAPPED.iter().position(|mapped| *mapped == class).map_or(0, |index| self.photon_counts[index])
     }
 
     /// Sides that photons of a class lie on.
@@ -138,7 +142,7 @@ impl PhotonMaps {
 
     /// Memory of photons and trees.
     pub fn bytes(&self) -> usize {
-        let photons: usize = self.sides.iter().flatten().flatten().map(|map| map.photons.len()).sum();
+        let photons: usize = self.photon_counts.iter().sum();
         // kiddo keeps a position and a number for each.
         photons * (size_of::<MapPhoton>() + 16)
             + self.surfaces.bytes()

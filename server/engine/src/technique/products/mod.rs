@@ -44,6 +44,7 @@ pub use self::{
     walls::{WallSearch, Walls},
 };
 
+pub(in crate::technique) use self::extent::{PartVisitor, PlacedPart};
 #[cfg(feature = "gpu")]
 pub use self::gather::{FoundPhotons, OtherMaps};
 #[cfg(test)]

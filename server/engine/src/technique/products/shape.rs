@@ -12,10 +12,13 @@ use glam::{Mat3, Vec3};
 use super::extent::PackedExtents;
 use super::{
     crease::CreaseSurfaces,
-    extent::{Ball, Extent, Facets},
+    extent::{Ball, Extent, Facets, PartVisitor, Whole},
     gather::{GatherBounds, Reach},
 };
 use crate::{accel::Instance, scene::Mesh};
+
+/// Nodes of a piece of work at most: some 2,000 triangles.
+const WORK_NODES: usize = 1024;
 
 /// A mesh as one or many instances have it.
 #[derive(Debug)]
@@ -84,14 +87,27 @@ impl Shape {
         Placed { turn, metres: scale / self.per_m, middle: instance.centre_in_render() }
     }
 
-    /// Area of a surface, in squares of the shape's unit.
-    pub(super) fn area(&self, surface: u32) -> f32 {
-        self.surfaces[surface as usize].area_m2()
+    /// Its surfaces in pieces of work: number of the surface, and of the part.
+    pub(super) fn pieces_of_work(&self) -> impl Iterator<Item = (u32, usize)> {
+        let surfaces = (0..).zip(&self.surfaces);
+        surfaces.flat_map(|(surface, extent)| {
+            extent.pieces_of_work(WORK_NODES).into_iter().map(move |part| (surface, part))
+        })
     }
 
-    /// Balls around the surfaces, in the shape's unit.
-    pub(super) fn balls(&self) -> impl Iterator<Item = Ball> {
-        self.surfaces.iter().map(Extent::ball)
+    /// [`Extent::visit`] of a part of a surface.
+    pub(super) fn visit(
+        &self,
+        placed: &Placed,
+        (surface, part): (u32, usize),
+        visitor: &mut impl PartVisitor,
+    ) {
+        self.surfaces[surface as usize].visit(part, placed, visitor);
+    }
+
+    /// `[surfaces]`: each as a whole, where the shape is placed.
+    pub(super) fn wholes(&self, placed: &Placed) -> Vec<Whole> {
+        self.surfaces.iter().map(|surface| surface.whole(placed)).collect()
     }
 
     /// [`Extent::within`] of a surface where the shape is placed.
@@ -147,7 +163,6 @@ impl Placed {
     }
 
     /// A unit vector.
-    #[cfg(feature = "gpu")]
     pub(super) fn direction_to_render(&self, direction: Vec3) -> Vec3 {
         self.turn * direction
     }
@@ -160,6 +175,11 @@ impl Placed {
     /// An area, m².
     pub(super) fn area_to_render(&self, area: f32) -> f32 {
         area * self.metres * self.metres
+    }
+
+    /// The sum over some area of places on it, m³.
+    pub(super) fn moment_to_render(&self, moment: Vec3, area: f32) -> Vec3 {
+        (self.turn * (moment * self.metres) + self.middle * area) * (self.metres * self.metres)
     }
 
     /// A piece of the shape's surface.

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 #[cfg(feature = "gpu")]
 use super::extent::PackedExtents;
 use super::{
-    extent::{Ball, Facets},
+    extent::{Facets, PartVisitor, Whole},
     gather::{GatherBounds, Reach},
     shape::{Placed, Shape, ShapeName},
 };
@@ -64,8 +64,8 @@ struct InstanceSurfaces {
     instance: Arc<Instance>,
     shape: Arc<Shape>,
     placed: Placed,
-    /// `[surfaces]`: around each, render space.
-    balls: Vec<Ball>,
+    /// `[surfaces]`.
+    wholes: Vec<Whole>,
 }
 
 /// All crease surfaces of a scene [Larsen2004, 8.1].
@@ -75,8 +75,8 @@ pub struct Surfaces {
     shapes: HashMap<ShapeName, Arc<Shape>>,
     /// Number of each instance's first surface, and of all.
     first: Vec<u32>,
-    /// `[surfaces]`: around each, render space. Most that gathers ask for lie too far away.
-    balls: Vec<Ball>,
+    /// `[surfaces]`: most that gathers ask for count wholly, or not at all.
+    wholes: Vec<Whole>,
     angle_rad: f32,
 }
 
@@ -99,16 +99,16 @@ impl Surfaces {
         let instances: Vec<Arc<InstanceSurfaces>> = accel.instances().par_iter().map(placed).collect();
         let mut first = vec![0];
         let mut count = 0;
-        let mut balls = Vec::new();
+        let mut wholes = Vec::new();
         // Shapes that nobody has any more go.
         let mut kept = HashMap::new();
         for of_instance in &instances {
             count += of_instance.shape.crease().count();
             first.push(count);
-            balls.extend_from_slice(&of_instance.balls);
+            wholes.extend_from_slice(&of_instance.wholes);
             kept.entry(ShapeName::of(&of_instance.instance)).or_insert_with(|| of_instance.shape.clone());
         }
-        Surfaces { instances, shapes: kept, first, balls, angle_rad }
+        Surfaces { instances, shapes: kept, first, wholes, angle_rad }
     }
 
     /// The shapes of instances that came, those that are known and those that are not.
@@ -155,29 +155,43 @@ impl Surfaces {
         self.instances[instance as usize].shape.crease().surface_of(triangle)
     }
 
+    /// The surfaces of an instance in pieces of work for [`Surfaces::visit`]: number of the surface in the instance, and of its part.
+    pub(in crate::technique) fn pieces_of_work(&self, instance: u32) -> Vec<(u32, usize)> {
+        self.instances[instance as usize].shape.pieces_of_work().collect()
+    }
+
+    /// Goes through the triangles of a piece of an instance, but for those without area: of parts that the visitor takes together none
+    /// alone.
+    pub(in crate::technique) fn visit(
+        &self,
+        instance: u32,
+        piece: (u32, usize),
+        visitor: &mut impl PartVisitor,
+    ) {
+        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance as usize];
+        shape.visit(placed, piece, visitor);
+    }
+
     /// False for a side of which nothing lies within a radius of a point.
     pub(super) fn may_reach(&self, side: SideId, centre: Vec3, radius_m: f32) -> bool {
-        self.balls[side.surface() as usize].meets(centre, radius_m)
+        self.wholes[side.surface() as usize].meets(centre, radius_m)
     }
 
     /// What a side of a surface turns to the gather's normal, within a cosine of it, in the ellipsoid around its middle.
     pub(super) fn within(&self, side: SideId, bounds: &GatherBounds, reach: Reach) -> Facets {
-        if !self.may_reach(side, bounds.centre, reach.radius_m) {
-            return Facets::default();
-        }
-        let (instance, surface) = self.place_of(side.surface());
         let normal = if side.is_front() { bounds.normal } else { -bounds.normal };
         let bounds = GatherBounds { normal, ..*bounds };
-        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
-        let front = shape.within(placed, surface, &bounds, reach);
+        let front = self.wholes[side.surface() as usize].within(&bounds, reach).unwrap_or_else(|| {
+            let (instance, surface) = self.place_of(side.surface());
+            let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
+            shape.within(placed, surface, &bounds, reach)
+        });
         if side.is_front() { front } else { front.turned() }
     }
 
     /// Area of a surface, m².
     pub fn area_m2(&self, surface: u32) -> f32 {
-        let (instance, surface) = self.place_of(surface);
-        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
-        placed.area_to_render(shape.area(surface))
+        self.wholes[surface as usize].area_m2()
     }
 
     /// The instance of a surface, and its number there.
@@ -227,7 +241,7 @@ impl Surfaces {
     pub fn bytes(&self) -> usize {
         let shapes: usize = self.shapes.values().map(|shape| shape.bytes()).sum();
         shapes
-            + 2 * self.balls.len() * size_of::<Ball>()
+            + 2 * self.wholes.len() * size_of::<Whole>()
             + self.instances.len() * (size_of::<InstanceSurfaces>() + size_of::<u32>())
     }
 }
@@ -235,7 +249,7 @@ impl Surfaces {
 impl InstanceSurfaces {
     fn of(instance: &Arc<Instance>, shape: &Arc<Shape>) -> InstanceSurfaces {
         let placed = shape.placed(instance);
-        let balls = shape.balls().map(|ball| placed.ball_to_render(ball)).collect();
-        InstanceSurfaces { instance: instance.clone(), shape: shape.clone(), placed, balls }
+        let wholes = shape.wholes(&placed);
+        InstanceSurfaces { instance: instance.clone(), shape: shape.clone(), placed, wholes }
     }
 }
