@@ -1,6 +1,5 @@
 // How much of the surfaces of gathers lies within their reach, side by side: `Surfaces::within`. One invocation a gather, which takes
-// WORK_MAX nodes and triangles at most: what needs more is cut short, and so is what has small surfaces of many triangles within reach, which
-// count as one piece by tables that the CPU has.
+// WORK_MAX nodes and triangles at most: what needs more is cut short.
 
 /// Some triangles that lie together; those behind it in depth-first order, up to `end`, are its parts.
 struct ExtentNode {
@@ -18,10 +17,9 @@ struct ExtentNode {
     end: u32,
     /// First triangle, eight times, and how many; none of what has parts.
     faces: u32,
-    /// Of the first of a surface: it counts as one piece where it is small, of tables that the CPU has.
-    is_tabled: u32,
     padding_0: u32,
     padding_1: u32,
+    padding_2: u32,
 }
 
 /// Some piece of surface, as light from afar sees it.
@@ -167,22 +165,9 @@ fn facing_faces(leaf: u32, look: Look) -> Facets {
     return sum;
 }
 
-/// Something of a node may lie within.
-fn is_in_reach(node: u32, look: Look) -> bool {
-    let from_middle = extents[node].middle - look.centre;
-    let size = abs(from_middle);
-    let least_m = look.radius_m + extents[node].reach_m;
-    // The farthest first: its square is in the range of floats then.
-    return max(size.x, max(size.y, size.z)) < least_m && length2(from_middle) < least_m * least_m;
-}
-
 fn of_surface(root: vec2u, look: Look) -> Facets {
     var sum = NOTHING;
     var node = root.x;
-    if node < root.y && extents[node].is_tabled > 0u && extents[node].reach_m <= GATHER_SMALL_BODY * look.radius_m {
-        is_cut_short = is_cut_short || is_in_reach(node, look);
-        return NOTHING;
-    }
     // Where the parts end of what lies wholly within reach: where those lie is not asked.
     var within_end = root.x;
     while node < root.y && work < WORK_MAX {
@@ -202,7 +187,10 @@ fn of_surface(root: vec2u, look: Look) -> Facets {
         }
         let reach_m = extents[node].reach_m;
         let from_middle = extents[node].middle - look.centre;
-        if !is_in_reach(node, look) {
+        let size = abs(from_middle);
+        let least_m = look.radius_m + reach_m;
+        // The farthest first: its square is in the range of floats then.
+        if max(size.x, max(size.y, size.z)) >= least_m || length2(from_middle) >= least_m * least_m {
             node = extents[node].end;
             continue;
         }

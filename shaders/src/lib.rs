@@ -156,7 +156,6 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("GATHER_GROWTH_MAX", Constant::F32(4.0)),
     ("GATHER_GROWTH_BLIND", Constant::F32(2.0)),
     ("GATHER_SMALL", Constant::F32(0.1)),
-    ("GATHER_SMALL_BODY", Constant::F32(0.2)),
     ("GATHER_FACING_MIN", Constant::U32(8)),
     ("GATHER_TELLING", Constant::U32(8)),
     ("WALLS_MAX", Constant::U32(6)),

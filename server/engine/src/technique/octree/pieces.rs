@@ -69,7 +69,7 @@ pub(super) fn pieces_of(
     };
     let work = surfaces.pieces_of_work(index);
     let mut pieces: Vec<Piece> = work.into_par_iter().flat_map_iter(of_work).collect();
-    // By name, then as they came: sums are added up in the order of triangles.
+    // By name, then as they came: sums are added up in the order of the surfaces' parts.
     pieces.sort_by_key(Piece::name);
     pieces.dedup_by(|next, kept| kept.takes_in(next));
     InstancePieces { instance: instance.clone(), pieces }
@@ -101,15 +101,13 @@ impl PartVisitor for Cut<'_> {
         let along = usize::from(axis / 2);
         let size = facing.abs();
         let others = size[(along + 1) % 3].max(size[(along + 2) % 3]);
-        if size[along] - others <= SQRT_2 * chord || size[along] <= chord {
-            return false;
-        }
+        let is_of_axis = size[along] - others > SQRT_2 * chord && size[along] > chord;
         let [first, last] =
             [middle[along] - reach_m, middle[along] + reach_m].map(|at| self.layer_of(cell, along, at));
-        if first != last {
+        let (area_m2, [centre, normal]) = part.sums();
+        if !(is_of_axis && first == last && area_m2 > 0.0) {
             return false;
         }
-        let (area_m2, [centre, normal]) = part.sums();
         self.add(Piece {
             code: morton(cell),
             surface: self.surface,
@@ -239,13 +237,32 @@ mod tests {
         World::prepare(Arc::new(stage.finish()))
     }
 
+    /// What it takes together, and what is left.
+    struct Counted<'a> {
+        cut: Cut<'a>,
+        taken: usize,
+        alone: usize,
+    }
+
+    impl PartVisitor for Counted<'_> {
+        fn takes(&mut self, part: &PlacedPart<'_>) -> bool {
+            let takes = self.cut.takes(part);
+            self.taken += usize::from(takes);
+            takes
+        }
+
+        fn triangle(&mut self, _: u32) {
+            self.alone += 1;
+        }
+    }
+
     /// What is taken together leaves the pieces that its triangles leave one by one.
     #[test]
     fn parts_leave_the_pieces_of_their_triangles() {
         let world = world(40);
         let accel = world.accel();
         let surfaces = Surfaces::of(accel, CREASE_ANGLE_RAD, &Surfaces::default());
-        let mut taken = 0;
+        let (mut taken, mut alone) = (0, 0);
         for (low, depth) in
             [(Vec3::splat(-0.5), 1), (Vec3::new(-0.5, -0.53, -0.47), 3), (Vec3::splat(-0.5), 6)]
         {
@@ -259,7 +276,15 @@ mod tests {
                     cut.triangle(triangle);
                     one_by_one.append(&mut cut.pieces);
                 }
-                taken += usize::from(together.len() * 8 < one_by_one.len());
+                let mut counted = Counted {
+                    cut: Cut { cube: &cube, instance, surface: 0, pieces: Vec::new() },
+                    taken: 0,
+                    alone: 0,
+                };
+                let work = surfaces.pieces_of_work(index);
+                work.into_iter().for_each(|work| surfaces.visit(index, work, &mut counted));
+                taken += counted.taken;
+                alone += counted.alone;
                 one_by_one.sort_by_key(Piece::name);
                 one_by_one.dedup_by(|next, kept| kept.takes_in(next));
                 assert_eq!(together.len(), one_by_one.len());
@@ -271,7 +296,7 @@ mod tests {
                 }
             }
         }
-        assert!(taken > 0);
+        assert!(taken > 100 && alone > 100, "{taken} parts, {alone} triangles");
     }
 
     /// Followed down from the smallest cell that holds it a triangle leaves the pieces that it leaves from the top, wherever the cube

@@ -2,11 +2,10 @@
 //!
 //! Every node knows the area of its triangles, a sphere around them and a cone around their normals: what lies within the
 //! gather and faces its normal as a whole is added as a whole, what lies wholly within is asked only where its parts face, and only
-//! triangles at the rim are cut. A surface that is small beside the gather is asked only where it faces, of tables (`tabled.rs`).
+//! triangles at the rim are cut. A surface may be in a space of its own (`shape.rs`), in which metres are the unit of that.
 
 #[cfg(feature = "gpu")]
 mod pack;
-mod tabled;
 
 use glam::{Mat3, Vec3};
 
@@ -19,7 +18,6 @@ use super::{
     patch,
     shape::Placed,
 };
-use tabled::FacingTables;
 
 /// Some piece of surface, as light from afar sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -164,7 +162,7 @@ impl Whole {
         self.facets.area_m2
     }
 
-    /// As [`Extent::within`], where all of it counts or nothing; `None` where it must be looked at.
+    /// What [`Extent::within`] would say, where all of it counts or nothing; `None` where it must be looked at.
     pub(super) fn within(&self, bounds: &GatherBounds, reach: Reach) -> Option<Facets> {
         let Ball { middle, reach_m } = self.ball;
         if !self.meets(bounds.centre, reach.radius_m) {
@@ -189,12 +187,7 @@ const LEAF_COUNT: usize = 4;
 /// they lie. There are many of them, some too much and some too little.
 pub(super) const SMALL: f32 = 0.1;
 
-/// A surface of so many triangles that reaches at most so far, in radii of the gather, counts as one such piece, by what of it faces about the
-/// gather's way. In a hall of three thousand chairs, seats of 1,920 triangles, gathers take a third of the time.
-const MANY: usize = 128;
-pub(super) const SMALL_BODY: f32 = 0.2;
-
-/// A triangle as its surface sees it, in render space.
+/// A triangle as its surface sees it, in the space of the surface: lengths are in its unit.
 #[derive(Clone, Copy, Debug)]
 struct Face {
     triangle: u32,
@@ -230,7 +223,6 @@ struct Node {
 pub(super) struct Extent {
     faces: Vec<Face>,
     nodes: Vec<Node>,
-    tables: FacingTables,
 }
 
 impl Extent {
@@ -242,7 +234,7 @@ impl Extent {
             .filter(|face| face.normal != Vec3::ZERO)
             .collect();
         let nodes = Vec::with_capacity(faces.len());
-        let mut extent = Extent { faces, nodes, tables: FacingTables::default() };
+        let mut extent = Extent { faces, nodes };
         if !extent.faces.is_empty() {
             extent.divide(0, extent.faces.len());
         }
@@ -313,11 +305,6 @@ impl Extent {
         corners: impl Fn(u32) -> [Vec3; 3],
     ) -> Facets {
         let Reach { radius_m, facing_cos } = reach;
-        if self.is_small_beside(radius_m)
-            && let Some(facets) = self.within_as_one(bounds, reach)
-        {
-            return facets;
-        }
         // Single pieces of a surface of few are cut exactly: photons are counted exactly as well.
         let small_m2 = SMALL * SMALL * self.area_m2();
         let mut sum = Facets::default();
@@ -359,28 +346,6 @@ impl Extent {
             }
         }
         sum
-    }
-
-    /// It counts as one piece in gathers that reach so far.
-    pub(super) fn is_small_beside(&self, radius_m: f32) -> bool {
-        self.faces.len() >= MANY && self.nodes[0].reach_m <= SMALL_BODY * radius_m
-    }
-
-    /// As [`Extent::within`], as one piece; `None` of cosines that no table is of.
-    fn within_as_one(&self, bounds: &GatherBounds, reach: Reach) -> Option<Facets> {
-        let root = &self.nodes[0];
-        let inside_m = reach.radius_m - bounds.flattened_from(root.middle).length();
-        let before_m = -bounds.walls.behind_m(root.middle - bounds.centre);
-        let share = share_within(inside_m, root.reach_m) * share_within(before_m, root.reach_m);
-        if share == 0.0 {
-            return Some(Facets::default());
-        }
-        let facing = |normal| self.facets_facing(0, normal, reach.facing_cos);
-        let facets = match reach.facing_cos > -1.0 {
-            true => self.tables.facing(bounds.normal, reach.facing_cos, facing)?,
-            false => root.facets,
-        };
-        Some(facets.share(share))
     }
 
     /// What faces a direction, within a cosine of it, of a node that lies wholly within reach: where its parts lie is not asked.
@@ -441,7 +406,7 @@ impl Extent {
 
     /// Memory.
     pub(super) fn bytes(&self) -> usize {
-        self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>() + self.tables.bytes()
+        self.faces.len() * size_of::<Face>() + self.nodes.len() * size_of::<Node>()
     }
 }
 

@@ -107,11 +107,11 @@ struct Near {
 }
 
 /// Cosine of the angle from the gather's normal within which surfaces count: what faces another way gets other light.
-pub(super) const FACING_COS: f32 = 0.5;
+const FACING_COS: f32 = 0.5;
 /// The same where enough photons lie on such surfaces: the sides of eight-sided columns are 45° apart.
-pub(super) const ALIKE_COS: f32 = 0.79;
+const ALIKE_COS: f32 = 0.79;
 /// Cosine that all have.
-pub(super) const ANY_COS: f32 = -2.0;
+const ANY_COS: f32 = -2.0;
 /// Photons of a gather that must face its normal; with fewer all count.
 const FACING_MIN: usize = 8;
 

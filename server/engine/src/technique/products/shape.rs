@@ -1,6 +1,6 @@
 //! What the instances of a mesh have in common: its crease surfaces, and where their triangles lie.
 //!
-//! Surfaces are measured in a space of the shape's own, about one unit wide, and gathers are taken there: three thousand chairs in a hall
+//! Surfaces are measured in a space of the shape's own, some units wide, and gathers are taken there: three thousand chairs in a hall
 //! are one shape in three thousand places. Places that are turned, mirrored, moved and scaled evenly share one, since angles and shares of
 //! areas stay; otherwise each transform has a shape of its own.
 
@@ -61,7 +61,7 @@ impl Shape {
         for triangle in 0..mesh.triangles().len() as u32 {
             triangles[crease.surface_of(triangle) as usize].push(triangle);
         }
-        let handedness = if own.determinant() < 0.0 { -1.0 } else { 1.0 };
+        let handedness = if own == Mat3::IDENTITY { 1.0 } else { instance.handedness() };
         let extent_of = |of_one: &Vec<u32>| {
             Extent::of(of_one, |triangle| corners(mesh, shape_from_mesh, triangle), handedness)
         };
@@ -84,7 +84,8 @@ impl Shape {
         } else {
             (Mat3::IDENTITY, 1.0)
         };
-        Placed { turn, metres: scale / self.per_m, middle: instance.centre_in_render() }
+        let metres = scale / self.per_m;
+        Placed { turn, shape_from_render: turn.inverse(), metres, middle: instance.centre_in_render() }
     }
 
     /// Its surfaces in pieces of work: number of the surface, and of the part.
@@ -106,8 +107,8 @@ impl Shape {
     }
 
     /// `[surfaces]`: each as a whole, where the shape is placed.
-    pub(super) fn wholes(&self, placed: &Placed) -> Vec<Whole> {
-        self.surfaces.iter().map(|surface| surface.whole(placed)).collect()
+    pub(super) fn wholes(&self, placed: &Placed) -> impl Iterator<Item = Whole> {
+        self.surfaces.iter().map(|surface| surface.whole(placed))
     }
 
     /// [`Extent::within`] of a surface where the shape is placed.
@@ -122,12 +123,6 @@ impl Shape {
         let reach = Reach { radius_m: reach.radius_m / placed.metres, ..reach };
         let corners = |triangle| corners(&self.mesh, self.shape_from_mesh, triangle);
         placed.facets_to_render(self.surfaces[surface as usize].within(&bounds, reach, corners))
-    }
-
-    /// The surface counts as one piece in gathers that reach so far.
-    #[cfg(test)]
-    pub(super) fn is_small_body(&self, placed: &Placed, surface: u32, radius_m: f32) -> bool {
-        self.surfaces[surface as usize].is_small_beside(radius_m / placed.metres)
     }
 
     /// Adds the surfaces to those that are packed, where the shape is placed.
@@ -150,6 +145,8 @@ impl Shape {
 pub(super) struct Placed {
     /// At right angles and of length one, to what [`keeps_angles`] tolerates; may mirror.
     turn: Mat3,
+    /// Back again: what tolerance leaves would move places far from the middle.
+    shape_from_render: Mat3,
     /// The shape's unit, m.
     metres: f32,
     /// Of its origin, render space.
@@ -173,6 +170,7 @@ impl Placed {
     }
 
     /// An area, m².
+    #[cfg(feature = "gpu")]
     pub(super) fn area_to_render(&self, area: f32) -> f32 {
         area * self.metres * self.metres
     }
@@ -197,14 +195,13 @@ impl Placed {
     }
 
     fn bounds_in_shape(&self, bounds: &GatherBounds) -> GatherBounds {
-        let shape_from_render = self.turn.transpose();
         let per_m = 1.0 / self.metres;
         GatherBounds {
-            centre: shape_from_render * (bounds.centre - self.middle) * per_m,
-            normal: shape_from_render * bounds.normal,
+            centre: self.shape_from_render * (bounds.centre - self.middle) * per_m,
+            normal: self.turn.transpose() * bounds.normal,
             radius_m: bounds.radius_m * per_m,
             radius_max_m: bounds.radius_max_m * per_m,
-            walls: bounds.walls.turned_by(shape_from_render, per_m),
+            walls: bounds.walls.turned_by(self.turn.transpose(), per_m),
             ..*bounds
         }
     }
@@ -237,8 +234,8 @@ fn keeps_angles(linear: Mat3) -> bool {
         && close(z.dot(x), 0.0)
 }
 
-/// By what lengths are multiplied to be in the shape's unit: a power of two that makes the mesh between one and two wide, so that squares of
-/// areas stay numbers whatever unit the mesh is in.
+/// By what lengths are multiplied to be in the shape's unit: a power of two that makes the mesh reach between one and two from its centre, so that
+/// squares of areas stay numbers whatever unit the mesh is in.
 fn units_per_m(mesh: &Mesh, own: Mat3) -> f32 {
     let farthest = mesh.positions().iter().map(|p| (own * *p).abs().max_element()).fold(0.0, f32::max);
     let power = if farthest > 0.0 { -(farthest.log2().floor()).clamp(-100.0, 100.0) } else { 0.0 };
@@ -259,16 +256,10 @@ mod tests {
     use crate::{
         math::{Rgb, sobol::point, warp},
         scene::{
-            Id, Material, Node,
+            Id, Material, Node, SceneBuilder, SceneLimits,
             samples::{self, Stage},
         },
-        technique::{
-            CREASE_ANGLE_RAD, SideId, Surfaces,
-            products::{
-                gather::{ALIKE_COS, ANY_COS, FACING_COS},
-                walls::Walls,
-            },
-        },
+        technique::{CREASE_ANGLE_RAD, SideId, Surfaces, products::walls::Walls},
         transport::World,
     };
 
@@ -347,7 +338,7 @@ mod tests {
                     count_narrow: count,
                     walls: if number % 2 == 0 { walls } else { Walls::default() },
                 };
-                let facing_cos = [FACING_COS, ALIKE_COS, ANY_COS][number as usize % 3];
+                let facing_cos = [0.5, 0.79, -2.0][number as usize % 3];
                 let reach = Reach { radius_m: ball.reach_m * (0.2 + 1.5 * d), facing_cos };
                 let front = expected.within(&bounds, reach, in_render);
                 let own = surfaces.within(SideId::of(index, true), &bounds, reach);
@@ -364,73 +355,27 @@ mod tests {
         assert!(found_some > 100, "{found_some}");
     }
 
-    /// Instances that are only turned, mirrored, moved or scaled have one shape, of an edit no other; whoever came first, it is the same.
+    /// Instances that are only turned, mirrored, moved or scaled have one shape; whoever came first, it is the same, and edits take it over.
     #[test]
     fn instances_share_shapes() {
         let world = balls(8, &places());
         let surfaces = surfaces_of(&world, &Surfaces::default());
-        assert_eq!(surfaces.shape_count(), 2, "one for all, one for what is sheared");
+        assert_eq!(surfaces.shapes().len(), 2, "one for all, one for what is sheared");
         let after = surfaces_of(&balls(8, &places()[..2]), &surfaces);
-        assert_eq!(after.shape_count(), 1, "what nobody has is let go");
-        assert_eq!(surfaces_of(&world, &surfaces).shape_count(), 2);
+        assert_eq!(after.shapes().len(), 1, "what nobody has is let go");
+        assert_eq!(surfaces_of(&world, &surfaces).shapes().len(), 2);
         let twice = balls(8, &[places()[4], places()[0]]);
         let [first, second] = [0, 1].map(|instance| {
             let shape = Shape::of(&twice.accel().instances()[instance], CREASE_ANGLE_RAD);
             format!("{:?}", shape.surfaces)
         });
         assert!(first == second, "it does not depend on the instance");
-    }
-
-    /// A ball of many triangles counts as one piece in gathers that reach far beyond it: with the cosines of what faces them, and at the rim
-    /// and beside walls by half where those go through its middle.
-    #[test]
-    fn small_bodies_count_as_one_piece() {
-        let world = balls(24, &[places()[1]]);
-        let surfaces = surfaces_of(&world, &Surfaces::default());
-        let instance = &world.accel().instances()[0];
-        let normal_of = |triangle| instance.normal_to_render(instance.face_normal(triangle)).normalize();
-        let triangles = instance.mesh().triangles().len() as u32;
-        let area_of = |triangle: u32| {
-            let [a, b, c] =
-                instance.mesh().triangles()[triangle as usize].map(|v| instance.vertex_in_render(v));
-            0.5 * (b - a).cross(c - a).length()
-        };
-        let middle = instance.centre_in_render();
-        for number in 0..200 {
-            let [a, b, c, d] = point(41, number);
-            let normal = warp::sphere([a, b]);
-            let away = warp::sphere([c, d]);
-            let (far, beside) = (middle + 3.0 * away, middle - 12.0 * away);
-            let count = NonZeroUsize::MIN;
-            let bounds = GatherBounds {
-                centre: far,
-                normal,
-                radius_m: 1.0,
-                count_min: count,
-                count_max: count,
-                radius_max_m: 1.0,
-                count_narrow: count,
-                walls: Walls::default(),
-            };
-            for facing_cos in [FACING_COS, ALIKE_COS, ANY_COS] {
-                let reach = Reach { radius_m: 40.0, facing_cos };
-                let facing = (0..triangles).filter(|triangle| normal_of(*triangle).dot(normal) >= facing_cos);
-                let exact: Facets =
-                    facing.map(|triangle| Facets::flat(area_of(triangle), normal_of(triangle))).sum();
-                let found = surfaces.within(SideId::of(0, true), &bounds, reach);
-                let off = found.farthest_from(&exact) / exact.area_m2;
-                assert!(off < 0.3, "{number} {facing_cos}: {found:?} for {exact:?}");
-                let cos = |facets: &Facets| facets.mean_cos(normal);
-                assert!((cos(&found) / cos(&exact) - 1.0).abs() < 0.05, "{found:?} for {exact:?}");
-                // The middle is on a wall, or on the rim.
-                let behind = GatherBounds { walls: Walls::at([(away, 12.0); 2]), centre: beside, ..bounds };
-                let half = surfaces.within(SideId::of(0, true), &behind, reach).area_m2;
-                assert!((half / found.area_m2 - 0.5).abs() < 1e-3, "{half} of {found:?}");
-                let upright =
-                    GatherBounds { centre: middle - 40.0 * normal.any_orthonormal_vector(), ..bounds };
-                let half = surfaces.within(SideId::of(0, true), &upright, reach).area_m2;
-                assert!((half / found.area_m2 - 0.5).abs() < 0.01, "{half} of {found:?}");
-            }
-        }
+        // One of two is moved.
+        let before = surfaces_of(&twice, &Surfaces::default());
+        let mut builder = SceneBuilder::from_scene(twice.scene(), SceneLimits::default());
+        builder.set_transform("ball 1", places()[1]).unwrap();
+        let (scene, change) = builder.finish();
+        let moved = surfaces_of(&twice.update(Arc::new(scene), &change), &before);
+        assert!(Arc::ptr_eq(&before.shapes()[0], &moved.shapes()[0]), "it is not measured again");
     }
 }

@@ -64,8 +64,6 @@ struct InstanceSurfaces {
     instance: Arc<Instance>,
     shape: Arc<Shape>,
     placed: Placed,
-    /// `[surfaces]`.
-    wholes: Vec<Whole>,
 }
 
 /// All crease surfaces of a scene [Larsen2004, 8.1].
@@ -105,7 +103,7 @@ impl Surfaces {
         for of_instance in &instances {
             count += of_instance.shape.crease().count();
             first.push(count);
-            wholes.extend_from_slice(&of_instance.wholes);
+            wholes.extend(of_instance.shape.wholes(&of_instance.placed));
             kept.entry(ShapeName::of(&of_instance.instance)).or_insert_with(|| of_instance.shape.clone());
         }
         Surfaces { instances, shapes: kept, first, wholes, angle_rad }
@@ -223,25 +221,17 @@ impl Surfaces {
         packed
     }
 
-    /// The surface of a side counts as one piece in gathers that reach so far.
+    /// Of meshes and transforms that are told apart.
     #[cfg(test)]
-    pub(super) fn is_small_body(&self, side: SideId, radius_m: f32) -> bool {
-        let (instance, surface) = self.place_of(side.surface());
-        let InstanceSurfaces { shape, placed, .. } = &*self.instances[instance];
-        shape.is_small_body(placed, surface, radius_m)
-    }
-
-    /// Meshes and transforms that are told apart.
-    #[cfg(test)]
-    pub(super) fn shape_count(&self) -> usize {
-        self.shapes.len()
+    pub(super) fn shapes(&self) -> Vec<Arc<Shape>> {
+        self.shapes.values().cloned().collect()
     }
 
     /// Memory.
     pub fn bytes(&self) -> usize {
         let shapes: usize = self.shapes.values().map(|shape| shape.bytes()).sum();
         shapes
-            + 2 * self.wholes.len() * size_of::<Whole>()
+            + self.wholes.len() * size_of::<Whole>()
             + self.instances.len() * (size_of::<InstanceSurfaces>() + size_of::<u32>())
     }
 }
@@ -249,7 +239,6 @@ impl Surfaces {
 impl InstanceSurfaces {
     fn of(instance: &Arc<Instance>, shape: &Arc<Shape>) -> InstanceSurfaces {
         let placed = shape.placed(instance);
-        let wholes = shape.wholes(&placed);
-        InstanceSurfaces { instance: instance.clone(), shape: shape.clone(), placed, wholes }
+        InstanceSurfaces { instance: instance.clone(), shape: shape.clone(), placed }
     }
 }

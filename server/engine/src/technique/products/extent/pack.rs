@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec3;
 
-use super::{super::shape::Placed, Extent, Facets, LEAF_COUNT, MANY};
+use super::{super::shape::Placed, Extent, Facets, LEAF_COUNT};
 
 // A leaf's triangles are counted in three bits.
 const _: () = assert!(LEAF_COUNT < 8);
@@ -25,10 +25,9 @@ pub(crate) struct GpuExtentNode {
     pub(crate) end: u32,
     /// Its first triangle, eight times, and how many; none of what has parts.
     pub(crate) faces: u32,
-    /// Of the first of a surface: it counts as one piece where it is small, of tables that are not here.
-    pub(crate) is_tabled: u32,
     pub(crate) padding_0: u32,
     pub(crate) padding_1: u32,
+    pub(crate) padding_2: u32,
 }
 
 /// A triangle with its corners; `Face` in WGSL.
@@ -82,14 +81,11 @@ impl Extent {
                 products_m2: facets.products_m2.to_array(),
                 end: first_node + node.end,
                 faces: (first_face + node.first) << 3 | node.count,
-                is_tabled: 0,
                 padding_0: 0,
                 padding_1: 0,
+                padding_2: 0,
             }
         }));
-        if let Some(root) = into.nodes.get_mut(first_node as usize) {
-            root.is_tabled = u32::from(self.faces.len() >= MANY);
-        }
         into.faces.extend(self.faces.iter().map(|face| {
             let [a, b, c] = corners(face.triangle).map(|corner| corner.to_array());
             GpuFace {

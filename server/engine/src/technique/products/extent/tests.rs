@@ -87,8 +87,7 @@ fn what_lies_wholly_within_counts_as_far_as_it_faces() {
         let [x, z, lean, turn] = point(5, index);
         let normal = leaning(lean, turn);
         for facing_cos in [-2.0, 0.5, 0.79, 0.9] {
-            // Not so far that the sheet is a small piece.
-            let reach = Reach { radius_m: 9.0, facing_cos };
+            let reach = Reach { radius_m: 12.0, facing_cos };
             let found = extent.within(&bounds(Vec3::new(x, 0.0, z), normal), reach, corners);
             let facing = extent.faces.iter().filter(|face| face.normal.dot(normal) >= facing_cos);
             let expected: Facets = facing.map(|face| face.facets(face.area_m2)).sum();

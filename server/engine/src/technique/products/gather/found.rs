@@ -1,8 +1,5 @@
 //! Gathers whose search something else than this machine's CPU makes: what is asked of it, what it found, and what becomes of that.
 
-#[cfg(test)]
-use glam::Vec3;
-
 use super::{
     ALIKE_COS, AMPLE, ANY_COS, FACING_COS, FACING_MIN, FIRST_GUESS, FLATNESS, GROWTH_BLIND, GROWTH_MAX,
     GROWTH_MIN, Gather, GatherBounds, MAPPED, Near, TELLING,
@@ -11,7 +8,7 @@ use crate::{
     math::octahedral,
     technique::{
         PhotonMaps, SideId,
-        products::extent::{Facets, SMALL, SMALL_BODY},
+        products::extent::{Facets, SMALL},
     },
     transport::PathClass,
 };
@@ -22,7 +19,7 @@ pub(in crate::technique) const FAR_M: f32 = 1e15;
 pub(in crate::technique) const NEAR_M: f32 = 1.0 / FAR_M;
 
 /// The numbers of searches by name, for shaders that make the same.
-pub(in crate::technique) const NUMBERS: [(&str, f32); 10] = [
+pub(in crate::technique) const NUMBERS: [(&str, f32); 9] = [
     ("GATHER_FLATNESS", FLATNESS),
     ("GATHER_FACING_COS", FACING_COS),
     ("GATHER_ALIKE_COS", ALIKE_COS),
@@ -32,7 +29,6 @@ pub(in crate::technique) const NUMBERS: [(&str, f32); 10] = [
     ("GATHER_GROWTH_MAX", GROWTH_MAX),
     ("GATHER_GROWTH_BLIND", GROWTH_BLIND),
     ("GATHER_SMALL", SMALL),
-    ("GATHER_SMALL_BODY", SMALL_BODY),
 ];
 
 /// The counts among them.
@@ -130,18 +126,6 @@ impl PhotonMaps {
         gather.of_sides.extend(&found.of_sides);
         self.estimate(class, sides, bounds, gather);
         Ok(())
-    }
-
-    /// A side within a radius counts as one piece there, see [`super::super::surfaces::Surfaces::is_small_body`].
-    #[cfg(test)]
-    pub(in crate::technique) fn has_small_bodies(
-        &self,
-        sides: &[SideId],
-        centre: Vec3,
-        radius_m: f32,
-    ) -> bool {
-        let is_near = |side: &&SideId| self.surfaces.may_reach(**side, centre, radius_m);
-        sides.iter().filter(is_near).any(|side| self.surfaces.is_small_body(*side, radius_m))
     }
 
     /// What the CPU's search finds.
