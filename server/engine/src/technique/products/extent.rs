@@ -4,181 +4,24 @@
 //! gather and faces its normal as a whole is added as a whole, what lies wholly within is asked only where its parts face, and only
 //! triangles at the rim are cut. A surface may be in a space of its own (`shape.rs`), in which metres are the unit of that.
 
+mod facets;
 #[cfg(feature = "gpu")]
 mod pack;
+mod whole;
 
-use glam::{Mat3, Vec3};
+use glam::Vec3;
 
+pub(in crate::technique) use self::facets::Facets;
 #[cfg(feature = "gpu")]
 pub(super) use self::pack::PackedExtents;
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use self::pack::{GpuExtentNode, GpuFace};
+pub(super) use self::whole::{Ball, Whole};
 use super::{
     gather::{FLATNESS, GatherBounds, Reach},
     patch,
     shape::Placed,
 };
-
-/// Some piece of surface, as light from afar sees it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(in crate::technique) struct Facets {
-    /// Its area, m².
-    pub(in crate::technique) area_m2: f32,
-    /// Sum of its parts' normals times their areas, m².
-    pub(super) facing_m2: Vec3,
-    /// Sum of the squares of its parts' normals times their areas, by axis, m² …
-    squares_m2: Vec3,
-    /// … and of their products, xy, yz and zx, m².
-    products_m2: Vec3,
-}
-
-impl Facets {
-    /// The same piece from its other side.
-    pub(super) fn turned(self) -> Facets {
-        Facets { facing_m2: -self.facing_m2, ..self }
-    }
-
-    /// The same piece turned, and so many times as large.
-    ///
-    /// - `turn`: at right angles and of length one; may mirror
-    pub(super) fn turned_by(self, turn: Mat3, times: f32) -> Facets {
-        let Facets { area_m2, facing_m2, squares_m2: s, products_m2: p } = self.share(times);
-        let outer =
-            Mat3::from_cols(Vec3::new(s.x, p.x, p.z), Vec3::new(p.x, s.y, p.y), Vec3::new(p.z, p.y, s.z));
-        let [x, y, z] = (turn * outer * turn.transpose()).to_cols_array_2d();
-        Facets {
-            area_m2,
-            facing_m2: turn * facing_m2,
-            squares_m2: Vec3::new(x[0], y[1], z[2]),
-            products_m2: Vec3::new(x[1], y[2], z[0]),
-        }
-    }
-
-    fn share(self, share: f32) -> Facets {
-        Facets {
-            area_m2: self.area_m2 * share,
-            facing_m2: self.facing_m2 * share,
-            squares_m2: self.squares_m2 * share,
-            products_m2: self.products_m2 * share,
-        }
-    }
-
-    /// Mean over the piece of the cosine with which light from the unit direction `wi` meets it, 0 on what faces away from it.
-    ///
-    /// Cosines are taken to lie evenly around their mean, as far as their variance says. Exact where all face one way and, to
-    /// rounding, where all face the light well; within 0.05 for balls, columns and edges, 0.2 for both sides of a sheet together.
-    #[inline]
-    pub(super) fn mean_cos(&self, wi: Vec3) -> f32 {
-        let per_m2 = 1.0 / self.area_m2;
-        let mean = wi.dot(self.facing_m2) * per_m2;
-        let crossed = Vec3::new(wi.x * wi.y, wi.y * wi.z, wi.z * wi.x);
-        let square = ((wi * wi).dot(self.squares_m2) + 2.0 * crossed.dot(self.products_m2)) * per_m2;
-        let reach = (3.0 * (square - mean * mean)).max(0.0).sqrt();
-        let above = mean + reach;
-        // Without branches, so that the compiler asks for four directions at a time.
-        let some = above * above / (4.0 * reach);
-        let of_some = if above > 0.0 { some } else { 0.0 };
-        if mean >= reach { mean } else { of_some }
-    }
-
-    /// How far the number of it that is farthest off is from another's, m².
-    #[cfg(test)]
-    pub(in crate::technique) fn farthest_from(&self, other: &Facets) -> f32 {
-        let vectors = [
-            self.facing_m2 - other.facing_m2,
-            self.squares_m2 - other.squares_m2,
-            self.products_m2 - other.products_m2,
-        ];
-        let farthest = vectors.into_iter().map(|off| off.abs().max_element()).fold(0.0, f32::max);
-        farthest.max((self.area_m2 - other.area_m2).abs())
-    }
-
-    /// Area of one normal.
-    pub(super) fn flat(area_m2: f32, n: Vec3) -> Facets {
-        Facets {
-            area_m2,
-            facing_m2: n * area_m2,
-            squares_m2: n * n * area_m2,
-            products_m2: Vec3::new(n.x * n.y, n.y * n.z, n.z * n.x) * area_m2,
-        }
-    }
-}
-
-impl std::ops::AddAssign for Facets {
-    fn add_assign(&mut self, other: Facets) {
-        self.area_m2 += other.area_m2;
-        self.facing_m2 += other.facing_m2;
-        self.squares_m2 += other.squares_m2;
-        self.products_m2 += other.products_m2;
-    }
-}
-
-impl std::iter::Sum for Facets {
-    fn sum<I: Iterator<Item = Facets>>(pieces: I) -> Facets {
-        let mut sum = Facets::default();
-        pieces.for_each(|piece| sum += piece);
-        sum
-    }
-}
-
-/// Everything of a piece lies in it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Ball {
-    pub(super) middle: Vec3,
-    pub(super) reach_m: f32,
-}
-
-impl Ball {
-    /// Of nothing.
-    const EMPTY: Ball = Ball { middle: Vec3::ZERO, reach_m: f32::NEG_INFINITY };
-
-    /// Something of it may lie within a radius of a point.
-    pub(super) fn meets(&self, centre: Vec3, radius_m: f32) -> bool {
-        let least_m = radius_m + self.reach_m;
-        least_m > 0.0 && self.middle.distance_squared(centre) < least_m * least_m
-    }
-}
-
-/// A whole surface where it is placed, render space: what most gathers need to know of it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Whole {
-    ball: Ball,
-    /// Axis of a cone that holds all normals, whatever rounding does, and cosine and sine of its half angle.
-    axis: Vec3,
-    cone: [f32; 2],
-    facets: Facets,
-}
-
-/// By how much the cosine of the cone around a placed surface is less than in its own space, where transforms are even to 1e-5.
-const CONE_SLACK: f32 = 1e-4;
-
-impl Whole {
-    /// Something of it may lie within a radius of a point.
-    pub(super) fn meets(&self, centre: Vec3, radius_m: f32) -> bool {
-        self.ball.meets(centre, radius_m)
-    }
-
-    pub(super) fn area_m2(&self) -> f32 {
-        self.facets.area_m2
-    }
-
-    /// What [`Extent::within`] would say, where all of it counts or nothing; `None` where it must be looked at.
-    pub(super) fn within(&self, bounds: &GatherBounds, reach: Reach) -> Option<Facets> {
-        let Ball { middle, reach_m } = self.ball;
-        if !self.meets(bounds.centre, reach.radius_m) {
-            return Some(Facets::default());
-        }
-        match facing_of(self.axis, self.cone, bounds.normal, reach.facing_cos) {
-            Facing::None => Some(Facets::default()),
-            Facing::Some => None,
-            Facing::All => {
-                let is_within = bounds.flattened_from(middle).length() + FLATNESS * reach_m <= reach.radius_m;
-                let is_before = bounds.walls.behind_m(middle - bounds.centre) <= -reach_m;
-                (is_within && is_before).then_some(self.facets)
-            }
-        }
-    }
-}
 
 /// Triangles of a leaf at most.
 const LEAF_COUNT: usize = 4;
@@ -285,16 +128,7 @@ impl Extent {
 
     /// All triangles where they are placed.
     pub(super) fn whole(&self, placed: &Placed) -> Whole {
-        let Some(root) = self.nodes.first() else {
-            return Whole { ball: Ball::EMPTY, axis: Vec3::Z, cone: [-1.0, 0.0], facets: Facets::default() };
-        };
-        let cos = (root.cone[0] - CONE_SLACK).max(-1.0);
-        Whole {
-            ball: placed.ball_to_render(Ball { middle: root.middle, reach_m: root.reach_m }),
-            axis: placed.direction_to_render(root.axis),
-            cone: [cos, (1.0 - cos * cos).max(0.0).sqrt()],
-            facets: placed.facets_to_render(root.facets),
-        }
+        Whole::of(self.nodes.first(), placed)
     }
 
     /// What faces the gather's normal, within a cosine of it, in the ellipsoid around its middle.
