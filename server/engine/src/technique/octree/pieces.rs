@@ -104,8 +104,11 @@ impl PartVisitor for Cut<'_> {
         let is_of_axis = size[along] - others > SQRT_2 * chord && size[along] > chord;
         let [first, last] =
             [middle[along] - reach_m, middle[along] + reach_m].map(|at| self.layer_of(cell, along, at));
+        if !(is_of_axis && first == last) {
+            return false;
+        }
         let (area_m2, [centre, normal]) = part.sums();
-        if !(is_of_axis && first == last && area_m2 > 0.0) {
+        if !(area_m2 > 0.0) {
             return false;
         }
         self.add(Piece {

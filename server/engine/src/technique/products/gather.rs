@@ -167,6 +167,22 @@ pub struct GatherBounds {
 }
 
 impl GatherBounds {
+    /// Without walls, for what asks no more of a gather than where it is.
+    #[cfg(test)]
+    pub(super) fn at(centre: Vec3, normal: Vec3) -> GatherBounds {
+        let count = NonZeroUsize::MIN;
+        GatherBounds {
+            centre,
+            normal,
+            radius_m: 1.0,
+            count_min: count,
+            count_max: count,
+            radius_max_m: 1.0,
+            count_narrow: count,
+            walls: Walls::default(),
+        }
+    }
+
     /// A radius is asked for, not a number of photons.
     fn is_content(&self) -> bool {
         self.radius_m > 0.0 && self.radius_m < self.radius_max_m

@@ -19,7 +19,7 @@ pub struct Patch {
 }
 
 impl Patch {
-    /// A triangle with some area.
+    /// All of a triangle; `None` of one without area.
     fn whole(triangle: [Vec3; 3]) -> Option<Patch> {
         let [a, b, c] = triangle.map(|corner| corner.as_dvec3());
         let area_m2 = (0.5 * (b - a).cross(c - a).length()) as f32;

@@ -248,8 +248,6 @@ fn corners(mesh: &Mesh, shape_from_mesh: Mat3, triangle: u32) -> [Vec3; 3] {
 
 #[cfg(test)]
 mod tests {
-    use std::num::NonZeroUsize;
-
     use glam::{DAffine3, DMat3, DQuat, DVec3};
 
     use super::*;
@@ -327,17 +325,8 @@ mod tests {
                     (warp::sphere([f, a]), 0.3 * ball.reach_m),
                     (warp::sphere([b, f]), ball.reach_m),
                 ]);
-                let count = NonZeroUsize::MIN;
-                let bounds = GatherBounds {
-                    centre,
-                    normal,
-                    radius_m: 1.0,
-                    count_min: count,
-                    count_max: count,
-                    radius_max_m: 1.0,
-                    count_narrow: count,
-                    walls: if number % 2 == 0 { walls } else { Walls::default() },
-                };
+                let without = GatherBounds::at(centre, normal);
+                let bounds = if number % 2 == 0 { GatherBounds { walls, ..without } } else { without };
                 let facing_cos = [0.5, 0.79, -2.0][number as usize % 3];
                 let reach = Reach { radius_m: ball.reach_m * (0.2 + 1.5 * d), facing_cos };
                 let front = expected.within(&bounds, reach, in_render);

@@ -1,7 +1,5 @@
 //! Areas within gathers against triangles one by one, counted points and closed forms.
 
-use std::num::NonZeroUsize;
-
 use super::*;
 use crate::{math::sobol::point, technique::products::walls::Walls};
 
@@ -32,20 +30,6 @@ fn leaning(by: f32, turn: f32) -> Vec3 {
     Vec3::new((6.0 * turn).sin() * by, 1.0, (6.0 * turn).cos() * by).normalize()
 }
 
-fn bounds(centre: Vec3, normal: Vec3) -> GatherBounds {
-    let count = NonZeroUsize::MIN;
-    GatherBounds {
-        centre,
-        normal,
-        radius_m: 1.0,
-        count_min: count,
-        count_max: count,
-        radius_max_m: 1.0,
-        count_narrow: count,
-        walls: Walls::default(),
-    }
-}
-
 /// The tree says what going through the triangles one by one says, and that is the share of points that lie within.
 #[test]
 fn areas_are_those_of_all_triangles_and_of_counted_points() {
@@ -57,7 +41,7 @@ fn areas_are_those_of_all_triangles_and_of_counted_points() {
         let normal = leaning(r, turn);
         let radius_m = 0.02 + 1.5 * r * r;
         let facing_cos = if index % 3 == 0 { -2.0 } else { 0.5 + 0.4 * turn };
-        let bounds = bounds(centre, normal);
+        let bounds = GatherBounds::at(centre, normal);
         let reach = Reach { radius_m, facing_cos };
         let found = extent.within(&bounds, reach, corners).area_m2;
         let exactly = |face: &Face| {
@@ -88,7 +72,7 @@ fn what_lies_wholly_within_counts_as_far_as_it_faces() {
         let normal = leaning(lean, turn);
         for facing_cos in [-2.0, 0.5, 0.79, 0.9] {
             let reach = Reach { radius_m: 12.0, facing_cos };
-            let found = extent.within(&bounds(Vec3::new(x, 0.0, z), normal), reach, corners);
+            let found = extent.within(&GatherBounds::at(Vec3::new(x, 0.0, z), normal), reach, corners);
             let facing = extent.faces.iter().filter(|face| face.normal.dot(normal) >= facing_cos);
             let expected: Facets = facing.map(|face| face.facets(face.area_m2)).sum();
             assert!((found.area_m2 - expected.area_m2).abs() < 1e-4, "{found:?} for {expected:?}");
@@ -111,7 +95,7 @@ fn walls_part_areas() {
     let mut parted = 0;
     for index in 0..100 {
         let [x, z, angle, far] = point(4, index);
-        let without = bounds(Vec3::new(x - 0.5, 0.0, z - 0.5), Vec3::Y);
+        let without = GatherBounds::at(Vec3::new(x - 0.5, 0.0, z - 0.5), Vec3::Y);
         let (sin, cos) = (std::f32::consts::TAU * angle).sin_cos();
         let [first, second] = [Vec3::new(cos, 0.0, sin), Vec3::new(-sin, 0.0, cos)];
         let walls = Walls::at([(first, 0.6 * far * far), (second, 0.4 + far)]);
@@ -206,7 +190,7 @@ fn small_surfaces_at_the_rim_are_cut() {
     let corners = |triangle: u32| sheet[triangle as usize];
     let extent = Extent::of(&[0], corners, 1.0);
     for inside_m in [-0.9, -0.5, 0.0, 0.3] {
-        let bounds = bounds(Vec3::new(-40.0 + inside_m, 0.0, 0.0), Vec3::Y);
+        let bounds = GatherBounds::at(Vec3::new(-40.0 + inside_m, 0.0, 0.0), Vec3::Y);
         let found = extent.within(&bounds, Reach { radius_m: 40.0, facing_cos: 0.5 }, corners).area_m2;
         // The rim is next to straight: what lies left of x = inside_m.
         let right: f32 = (1.0 - inside_m).powi(2) / 3f32.sqrt();
@@ -222,7 +206,7 @@ fn nothing_has_no_area() {
     for triangles in [&[][..], &[0, 1, 2, 3, 4, 5][..]] {
         let extent = Extent::of(triangles, corners, 1.0);
         let reach = Reach { radius_m: 3.0, facing_cos: -2.0 };
-        assert_eq!(extent.within(&bounds(Vec3::ZERO, Vec3::Y), reach, corners), Facets::default());
+        assert_eq!(extent.within(&GatherBounds::at(Vec3::ZERO, Vec3::Y), reach, corners), Facets::default());
         assert_eq!(extent.area_m2(), 0.0);
     }
 }
