@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::{
     Indirect, Remaining, RenderSettings, Rendering, ToLearn, all_paths,
-    chain::{Outlook, Spent},
+    chain::{Outlook, Spent, Work},
     hidden::{HiddenFor, HiddenHalves, HiddenLight},
     measuring::Measuring,
     own_picture,
@@ -160,16 +160,18 @@ impl Rendering {
 
     /// Traces the pixels that tell the error as far as the rest of the work allows.
     pub(super) fn keep_measuring_up(&mut self, cancel: &AtomicBool) {
-        let spent = self.spent_rays();
-        #[cfg(feature = "gpu")]
-        let start = std::time::Instant::now();
+        let begun = self.begin();
         let is_guided = self.is_guided();
         let Some(measuring) = &mut self.measuring else { return };
         let guide = self.technique.guide().filter(|_| is_guided);
-        let counts = measuring.keep_up((&self.world, &self.view, guide), &self.film, spent, cancel);
+        let of = (&*self.world, &self.view, guide);
+        let counts = measuring.keep_up(of, &self.film, begun.spent_rays, cancel);
         self.counts += counts;
         #[cfg(feature = "gpu")]
-        self.note_cpu_work(counts.all_rays(), start);
+        self.note_cpu_work(counts.all_rays(), begun.start);
+        let work = self.work_since(&begun);
+        self.done.all += work;
+        self.done.measured += work;
     }
 
     /// Keeps the measure of the error up with the rest of the work, and what comes next with that.
@@ -177,16 +179,18 @@ impl Rendering {
         self.keep_measuring_up(cancel);
         let denoising = self.denoises();
         let Some(measuring) = &mut self.measuring else { return };
-        let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays };
+        let Work { looked_up, traced, measured, .. } = self.done;
+        let looked_up = Spent { passes: self.film.passes_min(), rays: self.looked_up_rays, work: looked_up };
         let traced = self.traced.as_ref().map(|film| {
-            let spent = Spent { passes: film.passes_min(), rays: self.traced_rays };
+            let spent = Spent { passes: film.passes_min(), rays: self.traced_rays, work: traced };
             (film, spent)
         });
+        let work_a_ray = measured / measuring.rays().max(1) as f64;
         let samples = looked_up.passes + traced.map_or(0, |(_, spent)| spent.passes);
         if self.outlook.is_none_or(|outlook| outlook.is_due(samples)) {
             let picture = own_picture(&self.film, denoising.as_ref());
             let light_noise = self.technique.secondary().map_or(0.0, |known| known.noise());
-            self.outlook = Outlook::of((&picture, looked_up, light_noise), traced, measuring);
+            self.outlook = Outlook::of((&picture, looked_up, light_noise), traced, (measuring, work_a_ray));
             self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
             let measured = self.measured_error();
             self.confirm(measured.as_ref());

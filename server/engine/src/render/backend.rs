@@ -11,7 +11,7 @@ use std::{
 
 use super::{
     Illumination, IlluminationSettings, Learnt, RenderSettings, Rendering, Stage, all_paths, beside,
-    learner::tracer_of_records, measuring::Measuring, step_on, tracer,
+    learner::tracer_of_records, learning::Begun, measuring::Measuring, step_on, tracer,
 };
 use crate::{
     effects::EffectPlan,
@@ -364,12 +364,11 @@ impl Rendering {
         self.gpu.as_ref().map(|gpu| &gpu.scene)
     }
 
-    /// This was done for learning; takes note of failures.
-    ///
-    /// - `shader_seconds`: of the scene on the card, before
-    pub(super) fn note_learning(&mut self, rays: u64, start: Instant, shader_seconds: f64) {
+    /// This was done for learning since then; takes note of failures.
+    pub(super) fn note_learning(&mut self, rays: u64, begun: &Begun) {
         let Some(gpu) = self.gpu.as_mut() else { return };
-        let seconds = start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - shader_seconds);
+        let seconds =
+            begun.start.elapsed().as_secs_f64() - (gpu.scene.shader_seconds() - begun.shader_seconds);
         if let Some(learning) = &mut gpu.learning {
             let (carried, gathered) = (learning.photons.photon_count(), learning.gatherer.ray_count());
             let is_by_card = carried > learning.noted_photons || gathered > learning.noted_rays;

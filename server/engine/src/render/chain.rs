@@ -18,6 +18,8 @@ use crate::{
 const LIGHT_NOISE_SURE: f64 = 0.25;
 /// Path-traced passes from which on a further one takes off more than the mean of those before it did.
 const TRACED_TELLING: f64 = 8.0;
+/// Share of the work that path tracing may have while more is learnt, however much better it is.
+const TRACED_SHARE_MAX: f64 = 0.9;
 /// Share of its noise in the error of a picture below which more samples of it change nothing.
 const NOISE_NEGLIGIBLE: f64 = 0.02;
 
@@ -30,16 +32,46 @@ pub(super) enum Turn {
     Traced,
 }
 
-/// Passes of one film, and rays spent on them.
+/// What a picture took by what it went into: seconds, or rays where no clock may decide. A pass that looks light up takes longer than its
+/// rays say, and so does learning: among leaves in the sun a path-traced pass took two thirds of the time of one that looks up.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Work {
+    /// All of it, learning included.
+    pub(super) all: f64,
+    pub(super) looked_up: f64,
+    pub(super) traced: f64,
+    /// Of the error.
+    pub(super) measured: f64,
+}
+
+/// Passes of one film, and what was spent on them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spent {
     pub(super) passes: u32,
     pub(super) rays: u64,
+    /// As [`Work`] counts it.
+    pub(super) work: f64,
+}
+
+/// A pass of a film.
+#[derive(Clone, Copy, Debug)]
+struct PassCost {
+    rays: f64,
+    /// As [`Work`] counts it.
+    work: f64,
 }
 
 impl Spent {
-    fn rays_a_pass(self) -> f64 {
-        self.rays as f64 / f64::from(self.passes.max(1))
+    fn of_a_pass(self) -> PassCost {
+        let passes = f64::from(self.passes.max(1));
+        PassCost { rays: self.rays as f64 / passes, work: self.work / passes }
+    }
+}
+
+impl PassCost {
+    /// What is divided by.
+    fn some_work(self) -> f64 {
+        self.work.max(f64::MIN_POSITIVE)
     }
 }
 
@@ -91,9 +123,9 @@ pub(super) struct Outlook {
     /// relMSE of a single path-traced pass, and how many there are.
     variance: f64,
     traced_passes: u32,
-    /// Rays of a pass of either film.
-    looked_up_rays: f64,
-    traced_rays: f64,
+    /// Of either film.
+    looked_up: PassCost,
+    traced: PassCost,
 }
 
 impl Outlook {
@@ -101,10 +133,11 @@ impl Outlook {
     ///
     /// - `picture`, `traced`: of looked-up light, and path-traced
     /// - `light_noise`: of what is looked up; see [`crate::technique::SecondaryLight::noise`]
+    /// - `work_a_ray`: of measuring
     pub(super) fn of(
         (picture, spent, light_noise): (&Picture<'_>, Spent, f64),
         traced: Option<(&Film, Spent)>,
-        measuring: &mut Measuring,
+        (measuring, work_a_ray): (&mut Measuring, f64),
     ) -> Option<Outlook> {
         let cost = measuring.cost()?;
         let film = picture.film();
@@ -117,12 +150,19 @@ impl Outlook {
         let measured = by_tracing.map_or(by_gauge, |error| by_gauge.surer(error));
         let (error, [sure_error, _]) = (measured.rel_mse, measured.interval_95);
         let pixel_count = film.size().pixel_count() as f64;
-        // Passes are spread better over what there is to see than samples drawn one by one: their own noise is known best.
-        let known = traced.and_then(|(film, spent)| Some((film.noise()?, spent)));
-        let (variance, traced_rays) = match known {
-            Some(((noise, passes), spent)) => (noise.rel_mse * f64::from(passes), spent.rays_a_pass()),
-            None => (cost.variance, cost.rays * pixel_count),
-        };
+        let traced_pass = traced.map_or_else(
+            || {
+                let rays = cost.rays * pixel_count;
+                PassCost { rays, work: work_a_ray * rays }
+            },
+            |(_, spent)| spent.of_a_pass(),
+        );
+        // Passes are spread better over what there is to see than samples drawn one by one: their own noise is known best, once there are
+        // some. That of two, weighed by what they show, was ten times what it became in dark corners between seats.
+        let known = traced.and_then(|(film, _)| film.noise());
+        let variance = known
+            .filter(|(_, passes)| f64::from(*passes) >= TRACED_TELLING)
+            .map_or(cost.variance, |(noise, passes)| noise.rel_mse * f64::from(passes));
         measuring.choose_pixels_or_samples(&picture.radiance(), film.size());
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
@@ -135,8 +175,8 @@ impl Outlook {
             kept_passes: spent.passes.max(1),
             variance,
             traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
-            looked_up_rays: spent.rays_a_pass(),
-            traced_rays,
+            looked_up: spent.of_a_pass(),
+            traced: traced_pass,
         })
     }
 
@@ -167,21 +207,32 @@ impl Outlook {
         self.film_noise < NOISE_NEGLIGIBLE * self.film_noise.max(self.error)
     }
 
-    /// Whose next pass takes more off the error of the blend for each ray.
+    /// Whose next pass takes more off the error of the blend for the work that it is.
     pub(super) fn turn(&self) -> Turn {
         let Shortfall { noise, floor, .. } = self.shortfall();
         let error = (noise + floor).max(f64::MIN_POSITIVE);
-        let looked_up = noise / f64::from(self.kept_passes) / error / error / self.looked_up_rays.max(1.0);
-        let traced = 1.0 / (self.variance * self.traced_rays).max(f64::MIN_POSITIVE);
+        let looked_up = noise / f64::from(self.kept_passes) / error / error / self.looked_up.some_work();
+        let traced = 1.0 / (self.variance * self.traced.work).max(f64::MIN_POSITIVE);
         if looked_up > traced { Turn::LookedUp } else { Turn::Traced }
     }
 
-    /// Path tracing for all the rays spent so far would have left less error than what is learnt so far leaves however long it
-    /// is sampled.
-    pub(super) fn tracing_would_have_done(&self, rays_spent: u64) -> bool {
-        let traced = rays_spent as f64 / self.traced_rays.max(1.0);
+    /// While more is learnt, path tracing is due: it would have left less, with all the work so far, than what is learnt so far leaves however
+    /// long it is sampled, and it has not had its share. What is learnt makes the picture better by nobody knows how much, so that this is
+    /// half of the work where both would be as good, and more by as many times as path tracing is better; but learning comes to its end.
+    pub(super) fn is_for_tracing(&self, done: &Work) -> bool {
+        let lead = self.lead_of_tracing(done.all);
+        let share = (lead / (1.0 + lead)).min(TRACED_SHARE_MAX);
+        lead > 1.0 && done.traced < share * done.all
+    }
+
+    /// How many times as much as path tracing would have left, with all the work so far, what is learnt so far leaves however long it is
+    /// sampled.
+    ///
+    /// - `work`: so far, as [`Work`] counts it
+    fn lead_of_tracing(&self, work: f64) -> f64 {
+        let traced = work / self.traced.some_work();
         let passes = Films { traced, ..self.films() }.traced_alike(self);
-        self.variance / passes.max(1e-9) < self.shortfall().floor
+        self.shortfall().floor * passes / self.variance.max(f64::MIN_POSITIVE)
     }
 }
 
@@ -223,7 +274,7 @@ impl Films {
         self.traced *= 1.0 + share;
     }
 
-    /// Goes on by passes of whichever film takes more off for each ray, or of looked-up light alone; returns the rays.
+    /// Goes on by passes of whichever film takes more off for the work that it is, or of looked-up light alone; returns the rays.
     ///
     /// - `share`: of the passes there are, at least one
     /// - `unlearnt`: as for [`Films::error`]
@@ -232,15 +283,15 @@ impl Films {
         let own = self.own_error(outlook, unlearnt).max(f64::MIN_POSITIVE);
         let Shortfall { noise, .. } = outlook.shortfall();
         let falls = noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes)) / self.looked_up;
-        let by_looking_up = falls / own / own / outlook.looked_up_rays.max(1.0);
+        let by_looking_up = falls / own / own / outlook.looked_up.some_work();
         let worth = self.traced_alike(outlook).max(1.0) / self.traced.max(1.0);
-        let by_tracing = worth / (outlook.variance * outlook.traced_rays).max(f64::MIN_POSITIVE);
+        let by_tracing = worth / (outlook.variance * outlook.traced.work).max(f64::MIN_POSITIVE);
         if traces && by_tracing >= by_looking_up {
             self.traced += passes;
-            passes * outlook.traced_rays.max(1.0)
+            passes * outlook.traced.rays.max(1.0)
         } else {
             self.looked_up += passes;
-            passes * outlook.looked_up_rays.max(1.0)
+            passes * outlook.looked_up.rays.max(1.0)
         }
     }
 }
@@ -262,8 +313,8 @@ impl Outlook {
             kept_passes: 64,
             variance,
             traced_passes: 0,
-            looked_up_rays: 1e5,
-            traced_rays: 1e5,
+            looked_up: PassCost { rays: 1e5, work: 1e5 },
+            traced: PassCost { rays: 1e5, work: 1e5 },
         }
     }
 }
@@ -334,14 +385,33 @@ mod tests {
             kept_passes: 17,
             variance: 0.31,
             traced_passes: 2,
-            looked_up_rays: 8e4,
-            traced_rays: 1e5,
+            looked_up: PassCost { rays: 8e4, work: 8e4 },
+            traced: PassCost { rays: 1e5, work: 1e5 },
         };
         // 32 passes would leave 0.009.
-        assert!(outlook.tracing_would_have_done(3_200_000));
-        assert!(!outlook.tracing_would_have_done(400_000), "four passes");
-        assert!(!Outlook { error: 0.009, ..outlook }.tracing_would_have_done(3_200_000), "noise, half of it");
+        let done = |all| Work { all, ..Work::default() };
+        assert!(outlook.is_for_tracing(&done(3.2e6)));
+        assert!(!outlook.is_for_tracing(&done(4e5)), "four passes");
+        assert!(!Outlook { error: 0.009, ..outlook }.is_for_tracing(&done(3.2e6)), "noise, half of it");
         assert_eq!(outlook.turn(), Turn::Traced);
         assert_eq!(Outlook { error: 0.005, ..outlook }.turn(), Turn::LookedUp);
+        // By what passes take, whatever rays they have.
+        let slow = PassCost { work: 1e8, ..outlook.traced };
+        assert_eq!(Outlook { traced: slow, ..outlook }.turn(), Turn::LookedUp);
+        assert!(!Outlook { traced: slow, ..outlook }.is_for_tracing(&done(3.2e6)));
+    }
+
+    /// While more is learnt, path tracing has half of the work where both are as good, and three quarters where it is three times better.
+    #[test]
+    fn tracing_gets_as_much_as_it_is_ahead_by() {
+        let done = |traced: f64| Work { all: 1e6, traced: traced * 1e6, ..Work::default() };
+        // Ten passes of 10⁵, of which the first eight count as one over their number.
+        let left = 1.0 / (8.0 * noise_gain(10.0 / 8.0));
+        for (lead, share) in [(1.01, 0.5), (3.0, 0.75), (9.0, 0.9), (1e9, 0.9)] {
+            let outlook = Outlook::after_64_passes(1e-9, lead * left, 1.0);
+            assert!(outlook.is_for_tracing(&done(share - 0.01)), "{lead}");
+            assert!(!outlook.is_for_tracing(&done(share + 0.01)), "{lead}");
+        }
+        assert!(!Outlook::after_64_passes(1e-9, 0.99 * left, 1.0).is_for_tracing(&done(0.0)));
     }
 }

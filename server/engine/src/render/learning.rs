@@ -41,7 +41,8 @@ enum Pace {
 /// Where learning stands beside drawing.
 #[derive(Debug, Default)]
 pub(super) struct Course {
-    /// Work on learning ahead of the share of it that was due when passes were drawn, in what [`Rendering::work`] counts.
+    /// Work on learning ahead of the share of it that was due when passes were drawn with what is known, as [`Work`](super::chain::Work)
+    /// counts it.
     pub(super) lead: f64,
     /// This round of photons goes before drawing.
     hurries: Option<RoundName>,
@@ -49,6 +50,16 @@ pub(super) struct Course {
     others_until: Option<Instant>,
     /// All that was known when its time was over is shown, and nothing more will be.
     is_settled: bool,
+}
+
+/// The state of things when some work began.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Begun {
+    pub(super) start: Instant,
+    /// [`Rendering::spent_rays`].
+    pub(super) spent_rays: u64,
+    /// Seconds that a card has taken to compile shaders.
+    pub(super) shader_seconds: f64,
 }
 
 /// What tells rounds of photons apart: which one it is, and which part of the photons it takes.
@@ -102,7 +113,7 @@ impl Rendering {
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let (is_late, spent_before) = (self.is_late(), self.spent_rays());
+        let is_late = self.is_late();
         let (until, pace) = (self.all_learn_until(), self.pace());
         let learner = self.learner.as_mut()?;
         if pace == Pace::Never {
@@ -124,14 +135,13 @@ impl Rendering {
             }
             return None;
         }
-        let start = Instant::now();
+        let begun = self.begin();
+        let learner = self.learner.as_mut()?;
         if let Some(moment) = until {
-            learner.allow(moment.saturating_duration_since(start).as_secs_f64());
+            learner.allow(moment.saturating_duration_since(begun.start).as_secs_f64());
         }
         let is_first = learner.stage() == Stage::Nothing;
         let before = learner.counts();
-        #[cfg(feature = "gpu")]
-        let shader_seconds = self.gpu.as_ref().map_or(0.0, |gpu| gpu.shader_seconds());
         let is_better = learner.step(&self.world, cancel);
         let counts = learner.counts() - before;
         let known = learner.known().cloned();
@@ -140,9 +150,11 @@ impl Rendering {
         }
         self.counts += counts;
         #[cfg(feature = "gpu")]
-        self.note_learning(counts.all_rays(), start, shader_seconds);
+        self.note_learning(counts.all_rays(), &begun);
+        let work = self.work_since(&begun);
+        self.done.all += work;
         if !is_first {
-            self.course.lead += self.work(start, spent_before);
+            self.course.lead += work;
         }
         Some(Progress { counts, complete: false })
     }
@@ -192,14 +204,29 @@ impl Rendering {
         self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share()).clamp(least, most)
     }
 
-    /// What was done since then, in seconds, or in rays where no clock may decide.
-    ///
-    /// - `spent_before`: [`Rendering::spent_rays`] then
-    pub(super) fn work(&self, start: Instant, spent_before: u64) -> f64 {
+    /// Begins some work.
+    pub(super) fn begin(&self) -> Begun {
+        #[cfg(feature = "gpu")]
+        let shader_seconds = self.gpu.as_ref().map_or(0.0, |gpu| gpu.shader_seconds());
+        #[cfg(not(feature = "gpu"))]
+        let shader_seconds = 0.0;
+        Begun { start: Instant::now(), spent_rays: self.spent_rays(), shader_seconds }
+    }
+
+    /// What was done since then, as [`Work`](super::chain::Work) counts it.
+    pub(super) fn work_since(&self, begun: &Begun) -> f64 {
         match self.settings.learning {
-            Learning::Alongside { .. } => start.elapsed().as_secs_f64(),
-            Learning::First | Learning::InStep => self.spent_rays().saturating_sub(spent_before) as f64,
+            Learning::Alongside { .. } => {
+                let shader_seconds = self.begin().shader_seconds - begun.shader_seconds;
+                begun.start.elapsed().as_secs_f64() - shader_seconds
+            }
+            Learning::First | Learning::InStep => self.spent_rays().saturating_sub(begun.spent_rays) as f64,
         }
+    }
+
+    /// More is learnt of its light, and there is time for it.
+    pub(super) fn is_learning(&self) -> bool {
+        !self.knows_its_light() && !self.is_late()
     }
 
     pub(super) fn is_late(&self) -> bool {

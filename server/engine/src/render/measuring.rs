@@ -134,6 +134,11 @@ impl Measuring {
         self.gauge.cost()
     }
 
+    /// Traced so far.
+    pub(super) fn rays(&self) -> u64 {
+        self.rays
+    }
+
     /// The looked-up film surely has this noise, as relMSE, over so many passes.
     pub(super) fn note_noise(&mut self, rel_mse: f64, passes: u32) {
         self.sure_noise = rel_mse * f64::from(passes).powi(2);

@@ -24,10 +24,7 @@ mod sketched;
 mod tests;
 mod told;
 
-use std::{
-    sync::{Arc, atomic::AtomicBool},
-    time::Instant,
-};
+use std::sync::{Arc, atomic::AtomicBool};
 
 use glam::{UVec2, Vec3};
 use rayon::prelude::*;
@@ -49,7 +46,7 @@ use crate::{
 };
 #[cfg(feature = "gpu")]
 use backend::OnGpu;
-use chain::{Outlook, Shortfall, Turn};
+use chain::{Outlook, Shortfall, Turn, Work};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 use learning::Course;
 use measuring::Measuring;
@@ -144,6 +141,7 @@ pub struct Rendering {
     /// Rays of either film, as the CPU counts them.
     looked_up_rays: u64,
     traced_rays: u64,
+    done: Work,
 }
 
 impl std::fmt::Debug for Rendering {
@@ -272,6 +270,7 @@ impl Rendering {
             surplus_rays: 0,
             looked_up_rays: 0,
             traced_rays: 0,
+            done: Work::default(),
         }
     }
 
@@ -291,7 +290,10 @@ impl Rendering {
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
     /// The films are valid after every step, cancelled or not.
     pub fn step(&mut self, cancel: &AtomicBool) -> Progress {
-        if let Some(progress) = self.learn(cancel).or_else(|| self.settle_doubt(cancel)) {
+        // What path tracing is due, learning does not wait for it to be ahead.
+        let is_tracing_due = self.is_learning() && self.turn() == Turn::Traced;
+        let learnt = if is_tracing_due { None } else { self.learn(cancel) };
+        if let Some(progress) = learnt.or_else(|| self.settle_doubt(cancel)) {
             return progress;
         }
         let is_first = self.film.passes_min() == 0;
@@ -300,15 +302,24 @@ impl Rendering {
         if !is_first && !self.is_whole() {
             self.keep_measuring_up(cancel);
         }
-        let (start, spent_before) = (Instant::now(), self.spent_rays());
-        let progress = match self.turn() {
+        let begun = self.begin();
+        let turn = self.turn();
+        let progress = match turn {
             Turn::LookedUp => self.draw(cancel),
             Turn::Traced => self.trace(cancel),
         };
         self.counts += progress.counts;
-        self.course.lead -= self.learning_share() * self.work(start, spent_before);
+        let work = self.work_since(&begun);
+        self.done.all += work;
+        match turn {
+            Turn::LookedUp => {
+                self.done.looked_up += work;
+                self.course.lead -= self.learning_share() * work;
+            }
+            Turn::Traced => self.done.traced += work,
+        }
         // Whoever waits for a first picture waits for nothing else.
-        self.ungranted_rays += self.spent_rays().saturating_sub(spent_before);
+        self.ungranted_rays += self.spent_rays().saturating_sub(begun.spent_rays);
         if progress.complete && !is_first {
             let drawn = std::mem::take(&mut self.ungranted_rays);
             if let Some(measuring) = self.measuring.as_mut().filter(|_| self.is_doubted) {
@@ -316,7 +327,7 @@ impl Rendering {
             }
             self.measure(cancel);
         }
-        self.pass_seconds = start.elapsed().as_secs_f64();
+        self.pass_seconds = begun.start.elapsed().as_secs_f64();
         Progress { counts: self.counts - before, ..progress }
     }
 
@@ -420,14 +431,10 @@ impl Rendering {
             return Turn::LookedUp;
         }
         let Some(outlook) = self.outlook else { return Turn::LookedUp };
-        if self.knows_its_light() || self.is_late() {
+        if !self.is_learning() {
             return outlook.turn();
         }
-        let spent = self.spent_rays();
-        // What is learnt makes the picture better by nobody knows how much: path tracing gets half of the work if it would
-        // have done better with all of it.
-        let is_behind = outlook.tracing_would_have_done(spent);
-        if is_behind && 2 * self.traced_rays < spent { Turn::Traced } else { Turn::LookedUp }
+        if outlook.is_for_tracing(&self.done) { Turn::Traced } else { Turn::LookedUp }
     }
 
     /// Lets what is known of the light answer for caustics as well, instead of photons of their own: for measuring it.

@@ -170,7 +170,8 @@ fn who_goes_on_after_others_learns_as_much() {
     let draw = |world: &Arc<World>, learner: Option<Learner>, time: Option<Duration>, to_the_end: bool| {
         let until = time.map(|time| Instant::now() + time);
         let learning = Learning::Alongside { until };
-        let of = RenderSettings { indirect: Indirect::Auto, learning, ..RenderSettings::default() };
+        // Without path tracing, which draws so small a picture better than what is learnt and takes its share of the time.
+        let of = RenderSettings { indirect: Indirect::Irradiance, learning, ..RenderSettings::default() };
         let mut rendering = match learner {
             Some(learner) => {
                 Rendering::learning_on((Arc::clone(world), &plan), (learner, 0), (view, size), of)
