@@ -298,13 +298,15 @@ impl Sums {
         }
     }
 
-    /// Weight of the traced film. A standard error of the sum is taken off: too little weight costs nothing worth speaking of
-    /// where too much would show noise.
+    /// Weight of the traced film. A standard error of the other's squared error is taken off: too little weight costs nothing worth
+    /// speaking of where too much would show noise. Off what is held against the noise, not off its share alone: of a film that is off
+    /// by far more than the noise of the traced one, and known by few pixels, a third would stay in the picture.
     fn weight(self) -> f64 {
         let variance = (self.own_squared - self.own * self.own / self.count).max(0.0);
         let own = (self.own - variance.sqrt()).max(0.0);
+        let noise = (self.difference - self.own).max(0.0);
         // Where both films say the same it makes no difference.
-        if self.difference > 0.0 { own / self.difference } else { 0.0 }
+        if own > 0.0 { own / (own + noise) } else { 0.0 }
     }
 }
 
@@ -414,6 +416,22 @@ mod tests {
             let expected = own / scale;
             assert!((measured_film - expected).abs() < 0.05 * expected + 0.05 * noise, "{measured_film}");
         }
+    }
+
+    /// A film that is right but for few pixels, which are far off, is hardly to be seen beside a traced one that knows better: however badly
+    /// the few tell how far off the film is in the mean.
+    #[test]
+    fn what_is_far_off_is_not_shown() {
+        let wrong = |x, y| u32::is_multiple_of(x * 7 + y * 13, 29);
+        let film = film_of(4, |x, y, _| if wrong(x, y) { 12.0 } else { 1.0 });
+        let own = squared_error(&film.radiance());
+        let mut blends = RunningStatistics::default();
+        for seed in 0..10 {
+            blends.add(squared_error(&Picture::of(&film).blended(&noisy(seed, 40)).radiance()));
+        }
+        let noise = 1.0 / 3.0 / 40.0;
+        assert!(own > 400.0 * noise);
+        assert!(blends.mean() < 1.1 * noise, "{:e} for {noise:e}", blends.mean());
     }
 
     /// Where nothing is known of the traced film's noise, it does not count; a single enormous sample does not show; and
