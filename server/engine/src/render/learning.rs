@@ -5,7 +5,7 @@ use std::{
     time::Instant,
 };
 
-use super::{Illumination, Learner, Learning, RecordReport, Rendering, Stage, tracer};
+use super::{Illumination, Learner, Learning, RecordReport, Rendering, Stage, chain::Turn, tracer};
 use crate::{
     film::{Denoising, Outdated},
     technique::{Progress, SecondaryLight},
@@ -45,7 +45,7 @@ pub(super) struct Course {
     /// counts it.
     pub(super) lead: f64,
     /// This round of photons goes before drawing.
-    hurries: Option<RoundName>,
+    pub(super) hurries: Option<RoundName>,
     /// Others learn with the same learner, the last of them until then.
     others_until: Option<Instant>,
     /// All that was known when its time was over is shown, and nothing more will be.
@@ -159,6 +159,17 @@ impl Rendering {
         Some(Progress { counts, complete: false })
     }
 
+    /// Path tracing is due while more is learnt, and no round of photons has to go first to end in time: that was begun for so much time, and
+    /// ends unless path tracing is far ahead. The next one waits, smaller for it.
+    pub(super) fn traces_before_learning(&mut self) -> bool {
+        if !self.is_learning() || self.turn() != Turn::Traced {
+            return false;
+        }
+        let is_far_behind = self.outlook.is_some_and(|outlook| outlook.is_far_behind(&self.done));
+        let is_between_rounds = self.learner.as_ref().is_some_and(|learner| learner.is_between_rounds());
+        is_far_behind || is_between_rounds || self.pace() != Pace::Now
+    }
+
     /// How learning is to go on with the time there is for it: what is not known by its end was learnt for nothing. A round that
     /// once had to go first does so to its end, unless that would come too late.
     fn pace(&mut self) -> Pace {
@@ -206,22 +217,31 @@ impl Rendering {
 
     /// Begins some work.
     pub(super) fn begin(&self) -> Begun {
-        #[cfg(feature = "gpu")]
-        let shader_seconds = self.gpu.as_ref().map_or(0.0, |gpu| gpu.shader_seconds());
-        #[cfg(not(feature = "gpu"))]
-        let shader_seconds = 0.0;
-        Begun { start: Instant::now(), spent_rays: self.spent_rays(), shader_seconds }
+        Begun {
+            start: Instant::now(),
+            spent_rays: self.spent_rays(),
+            shader_seconds: self.shader_seconds().unwrap_or(0.0),
+        }
     }
 
     /// What was done since then, as [`Work`](super::chain::Work) counts it.
     pub(super) fn work_since(&self, begun: &Begun) -> f64 {
         match self.settings.learning {
             Learning::Alongside { .. } => {
-                let shader_seconds = self.begin().shader_seconds - begun.shader_seconds;
-                begun.start.elapsed().as_secs_f64() - shader_seconds
+                // A card that failed meanwhile tells no more of its shaders.
+                let of_shaders = self.shader_seconds().map_or(0.0, |seconds| seconds - begun.shader_seconds);
+                (begun.start.elapsed().as_secs_f64() - of_shaders).max(0.0)
             }
             Learning::First | Learning::InStep => self.spent_rays().saturating_sub(begun.spent_rays) as f64,
         }
+    }
+
+    /// That the card that it is drawn on took to compile shaders.
+    fn shader_seconds(&self) -> Option<f64> {
+        #[cfg(feature = "gpu")]
+        return self.gpu.as_ref().map(|gpu| gpu.shader_seconds());
+        #[cfg(not(feature = "gpu"))]
+        return None;
     }
 
     /// More is learnt of its light, and there is time for it.

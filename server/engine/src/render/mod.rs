@@ -290,9 +290,7 @@ impl Rendering {
     /// One step of the technique on the rayon pool it is called in; ends early, between tiles, once `cancel` is true.
     /// The films are valid after every step, cancelled or not.
     pub fn step(&mut self, cancel: &AtomicBool) -> Progress {
-        // What path tracing is due, learning does not wait for it to be ahead.
-        let is_tracing_due = self.is_learning() && self.turn() == Turn::Traced;
-        let learnt = if is_tracing_due { None } else { self.learn(cancel) };
+        let learnt = if self.traces_before_learning() { None } else { self.learn(cancel) };
         if let Some(progress) = learnt.or_else(|| self.settle_doubt(cancel)) {
             return progress;
         }

@@ -1,5 +1,7 @@
 //! Who draws next where light is looked up and path-traced beside each other.
 
+use std::time::{Duration, Instant};
+
 use super::*;
 use crate::{
     film::Outdated,
@@ -59,11 +61,40 @@ fn tracing_waits_for_no_learning() {
         assert_eq!(traced(&rendering), passes);
     }
     assert_eq!((known(&rendering), rendering.course.lead), (before, lead));
-    // Nine in ten of the work are too much for the little that it is ahead by.
-    rendering.done.traced = 0.9 * rendering.done.all;
-    rendering.outlook = Some(Outlook::after_64_passes(1e-9, 1e-12, 1e-3));
-    while known(&rendering) == before {
+    // It has had more than it may have.
+    rendering.done.traced = 0.95 * rendering.done.all;
+    rendering.outlook = Some(Outlook::after_64_passes(1e-9, 10.0, 1e-3));
+    assert!(rendering.turn() == Turn::LookedUp && !rendering.traces_before_learning());
+}
+
+/// A round of photons that has to go first to end in time does, unless path tracing is far ahead.
+#[test]
+fn tracing_waits_for_a_round_that_must_end() {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let until = Some(Instant::now() + Duration::from_secs(100_000));
+    let settings = RenderSettings {
+        indirect: Indirect::Auto,
+        learning: Learning::Alongside { until },
+        ..RenderSettings::default()
+    };
+    let mut rendering = Rendering::new(world, view, PictureSize::new(16, 16).unwrap(), settings);
+    let never = AtomicBool::new(false);
+    let round = |rendering: &Rendering| rendering.learner.as_ref().unwrap().round();
+    while rendering.film.passes_min() < 4 || round(&rendering).is_none() {
+        assert!(rendering.is_learning());
         rendering.step(&never);
     }
-    assert_eq!(traced(&rendering), 3);
+    let name = round(&rendering).unwrap().name;
+    (rendering.done.all, rendering.done.traced) = (1e9, 0.0);
+    // Ten thousand passes of 10⁵ would have left about 10⁻³ / 13,000.
+    let mut traces = |floor, hurries| {
+        rendering.outlook = Some(Outlook::after_64_passes(1e-12, floor, 1e-3));
+        assert_eq!(rendering.turn(), Turn::Traced);
+        rendering.course.hurries = hurries;
+        rendering.traces_before_learning()
+    };
+    assert!(traces(1.1e-7, None) && traces(1.0, None));
+    assert!(!traces(1.1e-7, Some(name)));
+    assert!(traces(1.0, Some(name)));
 }
