@@ -367,4 +367,41 @@ mod tests {
         let moved = surfaces_of(&twice.update(Arc::new(scene), &change), &before);
         assert!(Arc::ptr_eq(&before.shapes()[0], &moved.shapes()[0]), "it is not measured again");
     }
+
+    /// Of what is small beside a gather its ball and cone say what its triangles say; all but those at the rim, and those that face in part, are
+    /// not looked at: none of those above the ellipsoid or below.
+    #[test]
+    fn small_surfaces_are_seldom_looked_into() {
+        let world = balls(3, &places());
+        let surfaces = surfaces_of(&world, &Surfaces::default());
+        let [mut known, mut whole, mut above, mut count] = [0; 4];
+        for (index, instance) in (0..).zip(world.accel().instances()) {
+            let shape = Shape::of(instance, CREASE_ANGLE_RAD);
+            let (placed, extent) = (shape.placed(instance), &shape.surfaces[0]);
+            let ball = placed.ball_to_render(extent.ball());
+            for number in 0..200 {
+                let [a, b, c, d] = point(33, number);
+                let radius_m = 20.0 * ball.reach_m;
+                let from = warp::sphere([a, b]) * (1.1 * radius_m * c.cbrt());
+                let normal = warp::sphere([d, c]);
+                let bounds = GatherBounds::at(ball.middle - from, normal);
+                let reach = Reach { radius_m, facing_cos: -2.0 };
+                let looked_into = shape.within(&placed, 0, &bounds, reach);
+                let said = extent.whole(&placed).within(&bounds, reach);
+                count += 1;
+                known += u32::from(said.is_some());
+                if let Some(said) = said {
+                    assert!(said.farthest_from(&looked_into) < 1e-4 * surfaces.area_m2(index), "{number}");
+                    whole += u32::from(said.area_m2 > 0.0);
+                    let is_met = from.length() < radius_m;
+                    above +=
+                        u32::from(is_met && bounds.flattened_from(ball.middle).length() > 1.2 * radius_m);
+                }
+            }
+        }
+        assert!(
+            known * 10 > count * 7 && whole * 10 > count * 2 && above * 10 > count * 2,
+            "{known} {whole} {above} of {count}"
+        );
+    }
 }

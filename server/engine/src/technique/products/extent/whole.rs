@@ -75,14 +75,16 @@ impl Whole {
         if !self.meets(bounds.centre, reach.radius_m) {
             return Some(Facets::default());
         }
-        match facing_of(self.axis, self.cone, bounds.normal, reach.facing_cos) {
-            Facing::None => Some(Facets::default()),
-            Facing::Some => None,
-            Facing::All => {
-                let is_within = bounds.flattened_from(middle).length() + FLATNESS * reach_m <= reach.radius_m;
-                let is_before = bounds.walls.behind_m(middle - bounds.centre) <= -reach_m;
-                (is_within && is_before).then_some(self.facets)
-            }
+        let facing = facing_of(self.axis, self.cone, bounds.normal, reach.facing_cos);
+        // The ellipsoid fills two fifths of the ball around it: most that is met lies above it or below.
+        let flattened_m = bounds.flattened_from(middle).length();
+        let flattened_reach_m = FLATNESS * reach_m;
+        if facing == Facing::None || flattened_m >= reach.radius_m + flattened_reach_m {
+            return Some(Facets::default());
         }
+        let is_whole = facing == Facing::All
+            && flattened_m + flattened_reach_m <= reach.radius_m
+            && bounds.walls.behind_m(middle - bounds.centre) <= -reach_m;
+        is_whole.then_some(self.facets)
     }
 }
