@@ -113,7 +113,7 @@ impl Rendering {
     /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
     /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
-        let is_late = self.is_late();
+        let (begun, is_late) = (self.begin(), self.is_late());
         let (until, pace) = (self.all_learn_until(), self.pace());
         let learner = self.learner.as_mut()?;
         if pace == Pace::Never {
@@ -135,8 +135,6 @@ impl Rendering {
             }
             return None;
         }
-        let begun = self.begin();
-        let learner = self.learner.as_mut()?;
         if let Some(moment) = until {
             learner.allow(moment.saturating_duration_since(begun.start).as_secs_f64());
         }

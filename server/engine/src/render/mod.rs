@@ -141,6 +141,7 @@ pub struct Rendering {
     /// Rays of either film, as the CPU counts them.
     looked_up_rays: u64,
     traced_rays: u64,
+    /// Its work by what it went into, for deciding what comes next.
     done: Work,
 }
 

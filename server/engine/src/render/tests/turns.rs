@@ -8,19 +8,24 @@ use crate::{
     render::chain::{Outlook, Turn},
 };
 
+/// The built-in box by the best there is, with four passes at least.
+fn box_drawn(learning: Learning) -> Rendering {
+    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
+    let view = world.scene().camera_view(None).unwrap();
+    let settings = RenderSettings { indirect: Indirect::Auto, learning, ..RenderSettings::default() };
+    let mut rendering = Rendering::new(world, view, PictureSize::new(16, 16).unwrap(), settings);
+    while rendering.film.passes_min() < 4 {
+        rendering.step(&AtomicBool::new(false));
+    }
+    rendering
+}
+
 /// However much better path tracing was, light that is better known is drawn with before it goes on: a pass of it that was under way finds the
 /// film as it was.
 #[test]
 fn light_that_is_better_known_is_drawn_with() {
-    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
-    let view = world.scene().camera_view(None).unwrap();
-    let settings =
-        RenderSettings { indirect: Indirect::Auto, learning: Learning::First, ..RenderSettings::default() };
-    let mut rendering = Rendering::new(world, view, PictureSize::new(16, 16).unwrap(), settings);
+    let mut rendering = box_drawn(Learning::First);
     let never = AtomicBool::new(false);
-    while rendering.film.passes_min() < 4 {
-        rendering.step(&never);
-    }
     assert!(rendering.knows_its_light());
     let better_traced = Some(Outlook::after_64_passes(1e-9, 10.0, 1e-3));
     rendering.outlook = better_traced;
@@ -42,15 +47,8 @@ fn light_that_is_better_known_is_drawn_with() {
 /// What path tracing is due while light is learnt it gets at once, and learning does not go on for it: nothing is learnt until it has had it.
 #[test]
 fn tracing_waits_for_no_learning() {
-    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
-    let view = world.scene().camera_view(None).unwrap();
-    let settings =
-        RenderSettings { indirect: Indirect::Auto, learning: Learning::InStep, ..RenderSettings::default() };
-    let mut rendering = Rendering::new(world, view, PictureSize::new(16, 16).unwrap(), settings);
+    let mut rendering = box_drawn(Learning::InStep);
     let never = AtomicBool::new(false);
-    while rendering.film.passes_min() < 4 {
-        rendering.step(&never);
-    }
     assert!(rendering.is_learning());
     let known = |rendering: &Rendering| rendering.learner.as_ref().map(|learner| learner.counts());
     let (before, lead) = (known(&rendering), rendering.course.lead);
@@ -70,18 +68,11 @@ fn tracing_waits_for_no_learning() {
 /// A round of photons that has to go first to end in time does, unless path tracing is far ahead.
 #[test]
 fn tracing_waits_for_a_round_that_must_end() {
-    let world = Arc::new(world_of(samples::cornell_box().unwrap()));
-    let view = world.scene().camera_view(None).unwrap();
     let until = Some(Instant::now() + Duration::from_secs(100_000));
-    let settings = RenderSettings {
-        indirect: Indirect::Auto,
-        learning: Learning::Alongside { until },
-        ..RenderSettings::default()
-    };
-    let mut rendering = Rendering::new(world, view, PictureSize::new(16, 16).unwrap(), settings);
+    let mut rendering = box_drawn(Learning::Alongside { until });
     let never = AtomicBool::new(false);
     let round = |rendering: &Rendering| rendering.learner.as_ref().unwrap().round();
-    while rendering.film.passes_min() < 4 || round(&rendering).is_none() {
+    while round(&rendering).is_none() {
         assert!(rendering.is_learning());
         rendering.step(&never);
     }
