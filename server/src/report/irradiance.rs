@@ -98,6 +98,8 @@ fn made(
     (of, effort): (IrradianceSettings, Effort),
 ) -> Made {
     let mut of = IlluminationSettings { irradiance: of, ..IlluminationSettings::of(settings) };
+    of.photons.emitted_count = effort.photons(of.photons.emitted_count);
+    of.octree.photon_count = effort.photons(of.octree.photon_count);
     of.irradiance.ray_count = effort.record_rays.unwrap_or(of.irradiance.ray_count);
     let Some(learnt) = settings.learns(&prepared.plan) else {
         let (records, photons) = Default::default();

@@ -157,7 +157,7 @@ pub struct ReportJob {
 /// How much is measured. Command lines get [`Effort::FULL`]; tests get by with less.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 struct Effort {
-    /// Photons relative to the paper's.
+    /// Photons relative to the paper's, and of what records are gathered from to those of pictures.
     photon_share: f64,
     /// Octrees are so many levels flatter.
     levels_less: u32,

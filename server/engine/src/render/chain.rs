@@ -221,14 +221,17 @@ impl Outlook {
         if looked_up > traced { Turn::LookedUp } else { Turn::Traced }
     }
 
-    /// While more is learnt, path tracing is due: it would have left less, with all the work so far, than what is learnt so far leaves however
-    /// long it is sampled, and it has not had its share. What is learnt makes the picture better by nobody knows how much, so that this is
+    /// While more is learnt, path tracing is due: it would have left less, with all the work so far, than the film of what is learnt so far has
+    /// left with as much, and it has not had its share. What is learnt makes the picture better by nobody knows how much, so that this is
     /// half of the work, and more by as many times as path tracing surely is better; but learning comes to its end.
     pub(super) fn is_for_tracing(&self, done: &Work) -> bool {
-        let Shortfall { floor, sure_floor, .. } = self.shortfall();
+        let Shortfall { noise, floor, sure_floor, .. } = self.shortfall();
         let left = self.left_by_tracing(done.all);
-        let share = (sure_floor / (sure_floor + left)).clamp(0.5, TRACED_SHARE_MAX);
-        floor > left && done.traced < share * done.all
+        // Had it all been drawn with what is learnt by now.
+        let noise = noise * (done.looked_up / done.all.max(f64::MIN_POSITIVE)).min(1.0);
+        let sure = sure_floor + noise;
+        let share = (sure / (sure + left)).clamp(0.5, TRACED_SHARE_MAX);
+        floor + noise > left && done.traced < share * done.all
     }
 
     /// Path tracing is surely so far ahead that a round of photons, which would have to go first to end in time, may rather not.

@@ -5,7 +5,9 @@ use std::{
     time::Instant,
 };
 
-use super::{Illumination, Learner, Learning, RecordReport, Rendering, Stage, chain::Turn, tracer};
+use super::{
+    Illumination, Learner, Learning, RecordReport, Rendering, Stage, chain::Turn, meanwhile::Foreseen, tracer,
+};
 use crate::{
     film::{Denoising, Outdated},
     technique::{Progress, SecondaryLight},
@@ -50,6 +52,10 @@ pub(super) struct Course {
     others_until: Option<Instant>,
     /// All that was known when its time was over is shown, and nothing more will be.
     is_settled: bool,
+    /// While nothing is known: since when, what path tracing would come to, once that was looked at, and that it is drawn.
+    pub(super) awaits_since: Option<Instant>,
+    pub(super) foreseen: Option<Foreseen>,
+    pub(super) traces_meanwhile: bool,
 }
 
 /// The state of things when some work began.
@@ -110,9 +116,10 @@ impl RoundUnderWay {
 }
 
 impl Rendering {
-    /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer; then
-    /// both go on beside each other until all is known. What is sampled of direct light is kept throughout.
+    /// Learns of the scene's light; `None` when a pass is due. The first pass is drawn with the first rough answer, unless that
+    /// [takes long](Rendering::draws_meanwhile); then both go on beside each other until all is known. What is sampled of direct light is kept throughout.
     pub(super) fn learn(&mut self, cancel: &AtomicBool) -> Option<Progress> {
+        let draws_meanwhile = self.draws_meanwhile(cancel);
         let (begun, is_late) = (self.begin(), self.is_late());
         let (until, pace) = (self.all_learn_until(), self.pace());
         let learner = self.learner.as_mut()?;
@@ -120,7 +127,7 @@ impl Rendering {
             learner.abandon_round();
         }
         let is_pass_due = match learner.stage() {
-            Stage::Nothing => false,
+            Stage::Nothing => draws_meanwhile,
             Stage::Rough if self.settings.learning == Learning::First => false,
             Stage::Rough if self.film.passes_min() == 0 || is_late => true,
             Stage::Rough if pace == Pace::ByOthers => true,
@@ -131,7 +138,7 @@ impl Rendering {
             // Once: others that learn with it go on, and each time it showed that it would lose the samples that it has.
             if is_late && !std::mem::replace(&mut self.course.is_settled, true) && learner.shows_all() {
                 let known = learner.known().cloned();
-                self.relight(known, Outdated::Rough);
+                self.relight_better(known);
             }
             return None;
         }
@@ -144,7 +151,7 @@ impl Rendering {
         let counts = learner.counts() - before;
         let known = learner.known().cloned();
         if is_better {
-            self.relight(known, Outdated::Rough);
+            self.relight_better(known);
         }
         self.counts += counts;
         #[cfg(feature = "gpu")]
@@ -160,7 +167,7 @@ impl Rendering {
     /// Path tracing is due while more is learnt, and no round of photons has to go first to end in time: that was begun for so much time, and
     /// ends unless path tracing is far ahead. The next one waits, smaller for it.
     pub(super) fn traces_before_learning(&mut self) -> bool {
-        if !self.is_learning() || self.turn() != Turn::Traced {
+        if !self.is_learning() || !self.looks_up() || self.turn() != Turn::Traced {
             return false;
         }
         let is_far_behind = self.outlook.is_some_and(|outlook| outlook.is_far_behind(&self.done));
@@ -251,6 +258,12 @@ impl Rendering {
         self.learns_until().is_some_and(|moment| Instant::now() >= moment)
     }
 
+    /// Goes on with what is known better by now. What was path-traced while nothing was known may have bright dots, and is not kept beside it.
+    fn relight_better(&mut self, known: Option<Arc<dyn SecondaryLight>>) {
+        let outdated = if self.looks_up() { Outdated::Rough } else { Outdated::Wrong };
+        self.relight(known, outdated);
+    }
+
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.
     pub fn relight(&mut self, known: Option<Arc<dyn SecondaryLight>>, outdated: Outdated) {
         self.splat_seconds += self.technique.splat_seconds();
@@ -307,7 +320,7 @@ impl Rendering {
         };
         let keeps_what_it_shows = self.course.is_settled && shown.is_some();
         if !is_shown && !keeps_what_it_shows {
-            self.relight(learner.known().cloned(), Outdated::Rough);
+            self.relight_better(learner.known().cloned());
         }
         self.learner = Some(Box::new(learner));
     }

@@ -3,7 +3,8 @@
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
 //! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next,
-//! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `accuracy.rs` says how good the picture
+//! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `meanwhile.rs` before
+//! anything is known, `accuracy.rs` says how good the picture
 //! is, and `forecast.rs` when it will be better; `settings.rs` is what is asked for, `told.rs` what a rendering tells of
 //! itself. Imports every room to its left; the server talks to this one.
 
@@ -16,6 +17,7 @@ mod hidden;
 mod illumination;
 mod learner;
 mod learning;
+mod meanwhile;
 mod measuring;
 mod remaining;
 mod settings;
@@ -422,6 +424,9 @@ impl Rendering {
             return Turn::LookedUp;
         }
         if self.traced.as_ref().is_some_and(|film| film.passes_min() != film.passes_max()) {
+            return Turn::Traced;
+        }
+        if self.traces_meanwhile() {
             return Turn::Traced;
         }
         // What the film tells before is what was known before, however much better that is by now: path tracing, once it seemed the better of

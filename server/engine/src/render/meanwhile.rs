@@ -1,0 +1,200 @@
+//! What is drawn where the first of what is learnt takes a great part of the time there is.
+//!
+//! Mostly that is known within some hundredths of a second, and nothing is drawn before. Among thousands of leaves or seats it takes a second:
+//! of a picture that is due after one or three, path tracing may have shown more by then. A few pixels, traced before, tell what it would come to.
+
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+use super::{Indirect, Learning, Rendering, Stage, all_paths};
+use crate::{
+    math::sobol,
+    technique::path::{Gauge, PathSettings},
+};
+
+/// Share of the time there is after which it counts as long in coming.
+const LONG_SHARE: f64 = 0.05;
+/// relMSE that pictures have in the end where it does, about: trees, seats and halls are off by 10 to 20 % as long as little else is known …
+const LEARNT_ERROR: f64 = 0.02;
+/// … and by more the less time is left to show it: so many times as much where it comes after this share of the time.
+const LATE_SHARE: f64 = 0.25;
+/// Times the time there is that is waited for it where path tracing will not do better.
+const WAITED_MOST: f64 = 2.0;
+/// Share of the work that path tracing may have meanwhile, at least where it will do better, and at most.
+const TRACED_SHARES: [f64; 2] = [0.5, 0.8];
+/// Passes of it that there must be time for, all in all, and from which on they tell what they come to: a few say nothing.
+const PASSES_TELLING: u32 = 8;
+
+/// Share of a pass that is traced to tell what path tracing would come to, about.
+const LOOK_SHARE: f64 = 0.1;
+/// Samples of a set of pixels, about.
+const SET_SAMPLES: f64 = 1024.0;
+/// Sets of pixels at most, and looks that they are parted into: the one that finds most noise counts, since the others may have missed what
+/// is rare.
+const SETS_MAX: f64 = 16.0;
+const LOOKS_MAX: u64 = 4;
+/// Names their random numbers.
+const AHEAD_SEED: u64 = 0x6168_6561_6400;
+
+/// What path tracing would come to, as a look at some pixels told, and its passes since then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Foreseen {
+    /// relMSE of a pass; infinite where only black was found.
+    pub(super) variance: f64,
+    /// What a pass takes.
+    pub(super) pass_seconds: f64,
+    /// Passes that told so; none where few pixels did: they miss what is rare.
+    pub(super) passes: u32,
+}
+
+impl Foreseen {
+    /// Share of the work that goes into path tracing while nothing is known of the light.
+    ///
+    /// - `seconds`: that there are for the picture, and of them those that are over
+    fn traced_share(self, [seconds, over]: [f64; 2]) -> f64 {
+        let passes = seconds / self.pass_seconds.max(f64::MIN_POSITIVE);
+        let left = self.variance / passes;
+        let learnt = LEARNT_ERROR * (1.0 + (over / seconds / LATE_SHARE).powi(2));
+        if passes < f64::from(PASSES_TELLING) || !(left < learnt) {
+            return 0.0;
+        }
+        let [least, most] = TRACED_SHARES;
+        let most = if self.passes < PASSES_TELLING { least } else { most };
+        (learnt / (learnt + left)).clamp(least, most)
+    }
+
+    /// Passes tell it anew when there are twice as many.
+    ///
+    /// - `rel_mse`: their noise
+    fn told_by(self, rel_mse: f64, passes: u32) -> Foreseen {
+        let variance = rel_mse * f64::from(passes);
+        let variance = if passes < PASSES_TELLING { variance.max(self.variance) } else { variance };
+        Foreseen { variance, passes, ..self }
+    }
+}
+
+impl Rendering {
+    /// Nothing is known of the light of a picture that is due at a moment, and is to be the best that there is then: that moment.
+    fn awaits_light_until(&self) -> Option<Instant> {
+        let Learning::Alongside { until: Some(until) } = self.settings.learning else { return None };
+        let is_awaited = self.settings.indirect == Indirect::Auto
+            && self.settings.traces_unknown()
+            && !self.looks_up()
+            && self.learner.as_ref().is_some_and(|learner| learner.stage() == Stage::Nothing);
+        is_awaited.then_some(until)
+    }
+
+    /// A pass is due though nothing is known of the light: it did not come in time, or takes long to come and path tracing will do better.
+    pub(super) fn draws_meanwhile(&mut self, cancel: &AtomicBool) -> bool {
+        let Some(until) = self.awaits_light_until() else { return false };
+        let since = *self.course.awaits_since.get_or_insert_with(Instant::now);
+        let seconds = until.saturating_duration_since(since).as_secs_f64();
+        let over = since.elapsed().as_secs_f64();
+        let is_told = !self.is_drawn_elsewhere() && self.hidden.iter().all(Option::is_none);
+        let is_long = is_told && over >= LONG_SHARE * seconds;
+        let foreseen = if is_long { self.foreseen(cancel) } else { None };
+        let share = foreseen.map_or(0.0, |foreseen| foreseen.traced_share([seconds, over]));
+        self.course.traces_meanwhile = share > 0.0;
+        if over >= seconds {
+            return share > 0.0 || over >= WAITED_MOST * seconds;
+        }
+        self.done.looked_up + self.done.traced < share * self.done.all
+    }
+
+    /// Passes that are drawn while nothing is known go into the film that stays.
+    pub(super) fn traces_meanwhile(&self) -> bool {
+        self.course.traces_meanwhile && self.awaits_light_until().is_some()
+    }
+
+    /// A card draws it, of which the CPU cannot tell what a pass takes.
+    fn is_drawn_elsewhere(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.gpu.is_some();
+        #[cfg(not(feature = "gpu"))]
+        return false;
+    }
+
+    /// What path tracing would come to, as far as that is known by now; `None` where looking was cut short.
+    fn foreseen(&mut self, cancel: &AtomicBool) -> Option<Foreseen> {
+        let mut foreseen = match self.course.foreseen {
+            Some(foreseen) => foreseen,
+            None => self.look_ahead(cancel)?,
+        };
+        if let Some(film) =
+            self.traced.as_ref().filter(|film| film.passes_min() >= 2 * foreseen.passes.max(1))
+            && let Some((noise, passes)) = film.noise()
+        {
+            foreseen = foreseen.told_by(noise.rel_mse, passes);
+        }
+        self.course.foreseen = Some(foreseen);
+        Some(foreseen)
+    }
+
+    /// Looks at some pixels.
+    fn look_ahead(&mut self, cancel: &AtomicBool) -> Option<Foreseen> {
+        let begun = self.begin();
+        let size = self.film.size();
+        let pixel_count = size.pixel_count() as f64;
+        let sets = (LOOK_SHARE * pixel_count / SET_SAMPLES).clamp(1.0, SETS_MAX) as u64;
+        let looks = sets.min(LOOKS_MAX);
+        let (mut variance, mut samples) = (0.0f64, 0);
+        for look in 0..looks {
+            let settings = all_paths(&self.settings);
+            let seed = sobol::mix(settings.seed ^ (AHEAD_SEED + look));
+            let mut gauge = Gauge::new(PathSettings { seed, ..settings }, size);
+            for _ in 0..sets / looks {
+                let of = (&*self.world, &self.view);
+                self.counts += gauge.step(of, 1, &[], [None, None], None, cancel);
+            }
+            variance = variance.max(gauge.cost().map_or(f64::INFINITY, |cost| cost.variance));
+            samples += gauge.sample_count();
+        }
+        let sample_seconds = begun.start.elapsed().as_secs_f64() / samples.max(1) as f64;
+        let work = self.work_since(&begun);
+        self.done.all += work;
+        self.done.measured += work;
+        let is_whole = !cancel.load(Ordering::Relaxed);
+        is_whole.then_some(Foreseen { variance, pass_seconds: sample_seconds * pixel_count, passes: 0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Path tracing has a share of the work where it will do better than what is learnt, the more the better and the later that comes, and none
+    /// where it will not, where there is no time for more than a few passes, and where nothing but black was found.
+    #[test]
+    fn path_tracing_has_a_share_where_it_will_do_better() {
+        let told = Foreseen { variance: 1.0, pass_seconds: 0.01, passes: PASSES_TELLING };
+        let share = |variance, times| Foreseen { variance, ..told }.traced_share(times);
+        let [least, most] = TRACED_SHARES;
+        assert_eq!(share(2.1, [1.0, 0.0]), 0.0);
+        assert_eq!(share(1.9, [1.0, 0.0]), 0.02 / 0.039);
+        assert!((share(1.0, [1.0, 0.0]) - 2.0 / 3.0).abs() < 1e-12);
+        assert_eq!(share(1e-3, [1.0, 0.0]), most);
+        assert_eq!(share(1e-3, [0.07, 0.0]), 0.0);
+        assert_eq!(Foreseen { passes: PASSES_TELLING - 1, ..told }.traced_share([1.0, 0.0]), least);
+        // After a quarter of the time twice as much error is expected.
+        assert_eq!(share(2.1, [1.0, 0.25]), 0.04 / 0.061);
+        assert_eq!(share(4.1, [1.0, 0.25]), 0.0);
+        for unknown in [f64::INFINITY, f64::NAN] {
+            assert_eq!(share(unknown, [1.0, 0.5]), 0.0);
+        }
+        for none in [Foreseen { pass_seconds: 0.0, ..told }, Foreseen { variance: 0.0, ..told }] {
+            assert_eq!(none.traced_share([1.0, 0.1]), most);
+            assert_eq!(none.traced_share([0.0, 0.1]), 0.0, "no time at all");
+        }
+    }
+
+    /// A few passes make it worse at most; then they alone tell.
+    #[test]
+    fn passes_tell_better_than_few_pixels() {
+        let looked = Foreseen { variance: 0.5, pass_seconds: 0.01, passes: 0 };
+        assert_eq!(looked.told_by(0.1, 2).variance, 0.5);
+        assert_eq!(looked.told_by(1.0, 2).variance, 2.0);
+        assert_eq!(looked.told_by(1.0, 2).told_by(0.025, 8), Foreseen { variance: 0.2, passes: 8, ..looked });
+    }
+}
