@@ -2,7 +2,7 @@
 //!
 //! A cell is wider than a wall, and a look-up blends the cells around it. Where two groups that face alike lie on either side of a
 //! wall and get different light, each counts for next to nothing on the other's side; and so do two sheets, one above the other, of which
-//! one is unlit, on either side of the plane midway between them.
+//! one is dim beside the other, on either side of the plane midway between them.
 
 use glam::{Vec3, Vec4};
 use rayon::prelude::*;
@@ -20,9 +20,9 @@ const PARTED_TIMES: f32 = 2.0;
 const SHEETS_APART_CELLS: f32 = 1e-3;
 /// … and so many distances from the origin, which places are rounded by.
 const SHEETS_APART_ROUNDING: f32 = 32.0 * f32::EPSILON;
-/// A group that has at most this share of another's irradiance is as good as unlit. It has no light to leak past a wall; two that are lit may
-/// both have, and are told apart by how far off they are alone.
-const UNLIT_SHARE: f32 = 1e-3;
+/// A group that has at most this share of another's irradiance is dim beside it: what it takes from that shows, such as the outside of a lamp's
+/// shade from its inside, and what it gives does not. Two that are about as bright are told apart by how far off they are alone.
+const DIM_SHARE: f32 = 0.1;
 
 /// Share of a group whose light a wall keeps off …
 pub(super) const BEHIND_SHARE: f32 = 1e-6;
@@ -126,12 +126,12 @@ pub(super) fn parted(
                     nearest = wall;
                 }
                 let [own, its] = [irradiance[place], irradiance[*other]];
-                let is_unlit = own <= UNLIT_SHARE * its;
-                if !is_unlit && its > UNLIT_SHARE * own {
+                let is_dim = own <= DIM_SHARE * its;
+                if !is_dim && its > DIM_SHARE * own {
                     continue;
                 }
                 let Some((wall, distance_m, above)) = sheets_apart(here, there) else { continue };
-                let nearest = if is_unlit { &mut nearest } else { &mut nearest_sheet };
+                let nearest = if is_dim { &mut nearest } else { &mut nearest_sheet };
                 if distance_m < nearest.0 && is_between(above) {
                     *nearest = (distance_m, wall);
                 }

@@ -181,7 +181,10 @@ impl Voxels {
                         .flat_map(|cell| this.sets_of(*cell))
                         .filter(|other| other.normal.dot(set.normal) >= JOINS_COS)
                         .flat_map(|other| this.sides_of(other));
-                    let mut sides: Vec<SideId> = alike.chain(this.sides_of(set)).copied().collect();
+                    // Never both sides of one surface: the far inside of a lamp's shade faces as its near outside does.
+                    let own = this.sides_of(set);
+                    let others = alike.filter(|side| own.binary_search(&side.back()).is_err());
+                    let mut sides: Vec<SideId> = others.chain(own).copied().collect();
                     sides.sort_unstable();
                     sides.dedup();
                     Some(sides)
@@ -271,36 +274,39 @@ impl Voxels {
         let at = cell_of(cell[0].0);
         let size_m = self.cube.size_of(at);
         let mut groups: Vec<Group> = Vec::new();
+        // Which groups hold a side, a bit for each.
+        let mut held: HashMap<SideId, u16> = HashMap::new();
         for (index, is_front) in order {
             let (_, surface, piece) = &cell[index];
             let side = SideId::of(*surface, is_front);
+            let back_held = held.get(&side.back()).copied().unwrap_or(0);
             let normal = if is_front { piece.normal } else { -piece.normal };
-            let likeness = |group: &Group| {
+            let likeness = |(place, group): (usize, &Group)| {
                 let n = group.normal.normalize_or_zero();
                 let cos = n.dot(normal) / normal.length();
                 let apart = n.dot(piece.centre / piece.area_m2 - group.centre / group.area_m2).abs();
                 let across_m = across_m(size_m, group.normal);
                 let joins = cos >= JOINS_COS
+                    && back_held & 1 << place == 0
                     && apart <= SHEET_JOINS_CELLS * across_m
                     && !(is_front
                         && has_body_between(&largest_first, piece, group, BETWEEN_CELLS * across_m));
                 (joins, cos - apart / across_m)
             };
-            let best = groups.iter().enumerate().map(|(place, group)| (place, likeness(group))).max_by(
+            let best = groups.iter().enumerate().map(|of| (of.0, likeness(of))).max_by(
                 |(a_place, a), (b_place, b)| {
                     a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(b_place.cmp(a_place))
                 },
             );
-            match best {
-                Some((place, (joins, _))) if joins || groups.len() == SETS_MAX => {
-                    groups[place].add(piece, normal, side);
-                }
+            let place = match best {
+                Some((place, (joins, _))) if joins || groups.len() == SETS_MAX => place,
                 _ => {
-                    let mut group = Group::default();
-                    group.add(piece, normal, side);
-                    groups.push(group);
+                    groups.push(Group::default());
+                    groups.len() - 1
                 }
-            }
+            };
+            groups[place].add(piece, normal, side);
+            *held.entry(side).or_default() |= 1 << place;
         }
         let is_alone = is_one_plane(&groups, size_m);
         let scale = self.cube.scale_of(at);

@@ -45,6 +45,11 @@ impl SideId {
     pub fn is_front(self) -> bool {
         self.0 & 1 == 0
     }
+
+    /// The other side of the same surface.
+    pub fn back(self) -> SideId {
+        SideId(self.0 ^ 1)
+    }
 }
 
 /// One side of a triangle of an instance.
