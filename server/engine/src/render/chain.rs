@@ -407,7 +407,11 @@ mod tests {
         let done = |all| Work { all, ..Work::default() };
         assert!(outlook.is_for_tracing(&done(3.2e6)));
         assert!(!outlook.is_for_tracing(&done(4e5)), "four passes");
-        assert!(!Outlook { error: 0.009, ..outlook }.is_for_tracing(&done(3.2e6)), "noise, half of it");
+        let noisy = Outlook { error: 0.009, ..outlook };
+        assert!(!noisy.is_for_tracing(&done(3.2e6)), "noise, half of it");
+        // What looking up has left with all the work counts.
+        let looked_up = |share: f64| Work { looked_up: share * 3.2e6, ..done(3.2e6) };
+        assert!(noisy.is_for_tracing(&looked_up(1.0)) && !noisy.is_for_tracing(&looked_up(0.2)));
         assert_eq!(outlook.turn(), Turn::Traced);
         assert_eq!(Outlook { error: 0.005, ..outlook }.turn(), Turn::LookedUp);
         // By what passes take, whatever rays they have.

@@ -6,7 +6,7 @@ use std::{
 };
 
 use super::{
-    Illumination, Learner, Learning, RecordReport, Rendering, Stage, chain::Turn, meanwhile::Foreseen, tracer,
+    Illumination, Learner, Learning, RecordReport, Rendering, Stage, chain::Turn, meanwhile::Awaiting, tracer,
 };
 use crate::{
     film::{Denoising, Outdated},
@@ -52,10 +52,10 @@ pub(super) struct Course {
     others_until: Option<Instant>,
     /// All that was known when its time was over is shown, and nothing more will be.
     is_settled: bool,
-    /// While nothing is known: since when, what path tracing would come to, once that was looked at, and that it is drawn.
-    pub(super) awaits_since: Option<Instant>,
-    pub(super) foreseen: Option<Foreseen>,
-    pub(super) traces_meanwhile: bool,
+    /// Nothing is known yet.
+    pub(super) awaiting: Awaiting,
+    /// No pass was drawn since the first became known, though one was before.
+    is_unseen: bool,
 }
 
 /// The state of things when some work began.
@@ -129,7 +129,7 @@ impl Rendering {
         let is_pass_due = match learner.stage() {
             Stage::Nothing => draws_meanwhile,
             Stage::Rough if self.settings.learning == Learning::First => false,
-            Stage::Rough if self.film.passes_min() == 0 || is_late => true,
+            Stage::Rough if self.film.passes_min() == 0 || self.course.is_unseen || is_late => true,
             Stage::Rough if pace == Pace::ByOthers => true,
             Stage::Rough => pace != Pace::Now && self.course.lead > 0.0,
             Stage::Complete => true,
@@ -260,8 +260,19 @@ impl Rendering {
 
     /// Goes on with what is known better by now. What was path-traced while nothing was known may have bright dots, and is not kept beside it.
     fn relight_better(&mut self, known: Option<Arc<dyn SecondaryLight>>) {
-        let outdated = if self.looks_up() { Outdated::Rough } else { Outdated::Wrong };
-        self.relight(known, outdated);
+        let is_first = !self.looks_up();
+        self.course.is_unseen = is_first && known.is_some();
+        self.relight(known, if is_first { Outdated::Wrong } else { Outdated::Rough });
+    }
+
+    /// A pass was drawn with what is known.
+    ///
+    /// - `work`: that it was, or the part of it that was drawn
+    pub(super) fn note_looked_up(&mut self, work: f64) {
+        if self.looks_up() {
+            self.course.lead -= self.learning_share() * work;
+            self.course.is_unseen &= !self.is_whole();
+        }
     }
 
     /// Goes on with what is known of the light by now; what was sampled of direct light stays.

@@ -4,9 +4,8 @@
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
 //! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next,
 //! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `meanwhile.rs` before
-//! anything is known, `accuracy.rs` says how good the picture
-//! is, and `forecast.rs` when it will be better; `settings.rs` is what is asked for, `told.rs` what a rendering tells of
-//! itself. Imports every room to its left; the server talks to this one.
+//! anything is known, `accuracy.rs` says how good the picture is, and `forecast.rs` when it will be better; `settings.rs` is what is
+//! asked for, `told.rs` what a rendering tells of itself. Imports every room to its left; the server talks to this one.
 
 mod accuracy;
 #[cfg(feature = "gpu")]
@@ -175,7 +174,10 @@ impl Rendering {
         match settings.learns(&plan) {
             Some(learnt) => {
                 let learner = Learner::new(learnt, &settings, illumination);
-                Rendering::learning_on((world, &plan), (learner, 0), (view, size), settings)
+                let mut rendering =
+                    Rendering::learning_on((world, &plan), (learner, 0), (view, size), settings);
+                rendering.course.awaiting.is_alone = true;
+                rendering
             }
             None => Rendering::with((world, &plan), view, size, settings, None),
         }
@@ -315,7 +317,7 @@ impl Rendering {
         match turn {
             Turn::LookedUp => {
                 self.done.looked_up += work;
-                self.course.lead -= self.learning_share() * work;
+                self.note_looked_up(work);
             }
             Turn::Traced => self.done.traced += work,
         }
@@ -326,7 +328,11 @@ impl Rendering {
             if let Some(measuring) = self.measuring.as_mut().filter(|_| self.is_doubted) {
                 measuring.grant(drawn);
             }
-            self.measure(cancel);
+            match self.traces_meanwhile() {
+                // What comes next is not decided by it.
+                true => self.keep_measuring_up(cancel),
+                false => self.measure(cancel),
+            }
         }
         self.pass_seconds = begun.start.elapsed().as_secs_f64();
         Progress { counts: self.counts - before, ..progress }

@@ -23,6 +23,8 @@ const SHEETS_APART_ROUNDING: f32 = 32.0 * f32::EPSILON;
 /// A group that has at most this share of another's irradiance is dim beside it: what it takes from that shows, such as the outside of a lamp's
 /// shade from its inside, and what it gives does not. Two that are about as bright are told apart by how far off they are alone.
 const DIM_SHARE: f32 = 0.1;
+/// With this share it is as good as unlit, and has no light to leak past a wall.
+const UNLIT_SHARE: f32 = 1e-3;
 
 /// Share of a group whose light a wall keeps off …
 pub(super) const BEHIND_SHARE: f32 = 1e-6;
@@ -126,12 +128,12 @@ pub(super) fn parted(
                     nearest = wall;
                 }
                 let [own, its] = [irradiance[place], irradiance[*other]];
-                let is_dim = own <= DIM_SHARE * its;
-                if !is_dim && its > DIM_SHARE * own {
+                if own.min(its) > DIM_SHARE * own.max(its) {
                     continue;
                 }
                 let Some((wall, distance_m, above)) = sheets_apart(here, there) else { continue };
-                let nearest = if is_dim { &mut nearest } else { &mut nearest_sheet };
+                let is_unlit = own <= UNLIT_SHARE * its;
+                let nearest = if is_unlit { &mut nearest } else { &mut nearest_sheet };
                 if distance_m < nearest.0 && is_between(above) {
                     *nearest = (distance_m, wall);
                 }

@@ -26,6 +26,7 @@ use crate::{
 const MOVED_MAX: usize = 64;
 /// Groups of a cell at most: two sheets for each direction of space.
 const SETS_MAX: usize = 12;
+const _: () = assert!(SETS_MAX <= u16::BITS as usize);
 /// How far from a group's mean plane a surface joins it, in sides of a cell: beyond it is another sheet.
 const SHEET_JOINS_CELLS: f32 = 0.25;
 /// Of two sheets that one group could hold, one lies beyond a body if the far face of that, of so large a share of the larger's area, lies
@@ -181,9 +182,9 @@ impl Voxels {
                         .flat_map(|cell| this.sets_of(*cell))
                         .filter(|other| other.normal.dot(set.normal) >= JOINS_COS)
                         .flat_map(|other| this.sides_of(other));
-                    // Never both sides of one surface: the far inside of a lamp's shade faces as its near outside does.
+                    // The far inside of a lamp's shade faces as its near outside does.
                     let own = this.sides_of(set);
-                    let others = alike.filter(|side| own.binary_search(&side.back()).is_err());
+                    let others = alike.filter(|side| own.binary_search(&side.other()).is_err());
                     let mut sides: Vec<SideId> = others.chain(own).copied().collect();
                     sides.sort_unstable();
                     sides.dedup();
@@ -274,24 +275,33 @@ impl Voxels {
         let at = cell_of(cell[0].0);
         let size_m = self.cube.size_of(at);
         let mut groups: Vec<Group> = Vec::new();
-        // Which groups hold a side, a bit for each.
-        let mut held: HashMap<SideId, u16> = HashMap::new();
+        // Pieces of one surface lie beside each other.
+        let surface_of: Vec<usize> = cell
+            .iter()
+            .scan((0, cell[0].1), |(count, before), (_, surface, _)| {
+                *count += usize::from(std::mem::replace(before, *surface) != *surface);
+                Some(*count)
+            })
+            .collect();
+        // Of each surface which groups hold its front and its back, a bit for each.
+        let mut held = vec![[0u16; 2]; cell.len()];
         for (index, is_front) in order {
             let (_, surface, piece) = &cell[index];
             let side = SideId::of(*surface, is_front);
-            let back_held = held.get(&side.back()).copied().unwrap_or(0);
+            let other_held = held[surface_of[index]][usize::from(is_front)];
             let normal = if is_front { piece.normal } else { -piece.normal };
             let likeness = |(place, group): (usize, &Group)| {
                 let n = group.normal.normalize_or_zero();
                 let cos = n.dot(normal) / normal.length();
                 let apart = n.dot(piece.centre / piece.area_m2 - group.centre / group.area_m2).abs();
                 let across_m = across_m(size_m, group.normal);
+                let is_other_held = other_held & 1 << place != 0;
                 let joins = cos >= JOINS_COS
-                    && back_held & 1 << place == 0
+                    && !is_other_held
                     && apart <= SHEET_JOINS_CELLS * across_m
                     && !(is_front
                         && has_body_between(&largest_first, piece, group, BETWEEN_CELLS * across_m));
-                (joins, cos - apart / across_m)
+                ((joins, !is_other_held), cos - apart / across_m)
             };
             let best = groups.iter().enumerate().map(|of| (of.0, likeness(of))).max_by(
                 |(a_place, a), (b_place, b)| {
@@ -299,14 +309,14 @@ impl Voxels {
                 },
             );
             let place = match best {
-                Some((place, (joins, _))) if joins || groups.len() == SETS_MAX => place,
+                Some((place, ((joins, _), _))) if joins || groups.len() == SETS_MAX => place,
                 _ => {
                     groups.push(Group::default());
                     groups.len() - 1
                 }
             };
             groups[place].add(piece, normal, side);
-            *held.entry(side).or_default() |= 1 << place;
+            held[surface_of[index]][usize::from(!is_front)] |= 1 << place;
         }
         let is_alone = is_one_plane(&groups, size_m);
         let scale = self.cube.scale_of(at);

@@ -215,11 +215,6 @@ impl Gauge {
         self.sets.iter().map(|set| set.samples).max().unwrap_or(0)
     }
 
-    /// Samples of pixels that are all traced as often.
-    pub fn sample_count(&self) -> u64 {
-        self.samples
-    }
-
     /// No sample of any pixel brought light.
     pub fn is_black(&self) -> bool {
         let is_black = |point: &Point| point.groups.as_flattened().iter().all(|sum| *sum == 0.0);

@@ -47,7 +47,7 @@ impl SideId {
     }
 
     /// The other side of the same surface.
-    pub fn back(self) -> SideId {
+    pub fn other(self) -> SideId {
         SideId(self.0 ^ 1)
     }
 }
