@@ -25,9 +25,9 @@ const LATE_SHARE: f64 = 0.25;
 /// Times the time there is that is waited for it where path tracing will not do better: with a sample or two of it hall and library are off by a
 /// fifth to a half of what they are without.
 const WAITED_MOST: f64 = 2.0;
-/// Share of the work that path tracing may have meanwhile, at least where it will do better, and at most: the rest costs it a tenth of its
-/// error, and without it nothing would ever be known.
-const TRACED_SHARES: [f64; 2] = [0.5, 0.8];
+/// Share of the work that path tracing may have meanwhile, at least where it will do better, and at most: the later it gets, the less comes of
+/// the rest.
+const TRACED_SHARES: [f64; 2] = [0.5, 0.95];
 /// Passes of it that there must be time for, all in all, and from which on they tell what they come to: a few say nothing.
 const PASSES_TELLING: u32 = 8;
 

@@ -54,7 +54,7 @@ fn path_tracing_goes_on_while_light_is_long_in_coming() {
     // Half of the time is over, in which path tracing had nearly all of the work that it may have: so much is known of it.
     let half_over = |variance| {
         let mut rendering = boxes_to_draw(Indirect::Auto, Instant::now() + 2 * HOUR);
-        (rendering.done.all, rendering.done.traced) = (3600.0, 2879.8);
+        (rendering.done.all, rendering.done.traced) = (3600.0, 3419.8);
         let foreseen = Foreseen { variance, pass_seconds: 1e-3, passes: 8 };
         rendering.course.awaiting.foreseen = Some(foreseen);
         rendering
@@ -66,7 +66,7 @@ fn path_tracing_goes_on_while_light_is_long_in_coming() {
         rendering.step(&never);
         let after = (rendering.film.passes_min(), traced_passes(&rendering));
         let drawn = if before.0 == 0 { (1, 0) } else { (before.0, before.1 + 1) };
-        assert!(after == before || after == drawn && share < 0.8, "{before:?} {after:?} {share}");
+        assert!(after == before || after == drawn && share < 0.95, "{before:?} {after:?} {share}");
     }
     assert!(traced_passes(&rendering) > 0);
     let told = rendering.course.awaiting.foreseen.unwrap();

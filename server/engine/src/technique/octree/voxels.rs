@@ -301,7 +301,8 @@ impl Voxels {
                     && apart <= SHEET_JOINS_CELLS * across_m
                     && !(is_front
                         && has_body_between(&largest_first, piece, group, BETWEEN_CELLS * across_m));
-                ((joins, !is_other_held), cos - apart / across_m)
+                // A full cell rather takes what faces alike and holds nothing of the other side.
+                ((joins, !is_other_held && cos >= JOINS_COS), cos - apart / across_m)
             };
             let best = groups.iter().enumerate().map(|of| (of.0, likeness(of))).max_by(
                 |(a_place, a), (b_place, b)| {
