@@ -22,8 +22,8 @@ const LONG_SHARE: f64 = 0.05;
 const LEARNT_ERROR: f64 = 0.02;
 /// … and by more the less time is left to show it: twice as much where it comes after this share of the time.
 const LATE_SHARE: f64 = 0.25;
-/// Times the time there is that is waited for it where path tracing will not do better: with a sample or two of it hall and library are off by a
-/// fifth to a half of what they are without.
+/// Times the time there is that is waited for it where path tracing will not do better: with a sample or two of it seats and a library are off by a
+/// fifth to two fifths of what they are without.
 const WAITED_MOST: f64 = 2.0;
 /// Share of the work that path tracing may have meanwhile, at least where it will do better, and at most: the later it gets, the less comes of
 /// the rest.

@@ -177,19 +177,21 @@ fn a_sealed_room_gets_no_light_of_the_shell_around_it() {
     assert!(dark_count >= 5, "{dark_count} of 8 are dark");
 }
 
-/// The outside of a lamp's shade, a single sheet, gets no light of its inside, wherever cells begin that are up to four times as wide: the far half faces as the near outside does,
-/// and in a coarse cell there may be both. At most it has 2.4 % of it, where cells begin between the two; mostly 0.05 %.
+/// The outside of a lamp's shade, a single sheet, gets no light of its inside, wherever cells begin: the far half faces as the near outside does, and
+/// cells of 25 cm to 1.1 m hold some or all of either. It has 0.4 % of it, by way of the room. With both sides in one group it had up to all of it, with
+/// both sides' photons in one gather up to 76 %, and 27 % where only unlit sheets are parted from lit ones.
 #[test]
 fn a_shade_gets_no_light_of_its_inside() {
     const FACETS: usize = 24;
     const RADIUS_M: f64 = 0.16;
     let angle = |facet: f64| facet * std::f64::consts::TAU / FACETS as f64;
-    for tenths in 0..6 {
+    for tenths in 0..4 {
         let mut stage = Building::default();
         let paper = Material { double_sided: true, ..Material::lambert(Rgb::splat(0.8)) };
         let paper = stage.material("paper", paper).unwrap();
-        let wall = stage.material("wall", Material::lambert(Rgb::splat(0.05))).unwrap();
-        stage.place("room", samples::cuboid(DVec3::ONE, -DVec3::ONE, &wall), DAffine3::IDENTITY).unwrap();
+        let wall = stage.material("wall", Material::lambert(Rgb::splat(0.5))).unwrap();
+        let half = DVec3::splat(2.0);
+        stage.place("room", samples::cuboid(half, -half, &wall), DAffine3::IDENTITY).unwrap();
         let kind = LightKind::Point { intensity: Rgb::WHITE };
         let bulb = Light { parent: None, position: DVec3::ZERO, direction: -DVec3::Y, kind };
         stage.light("bulb", bulb).unwrap();
@@ -207,11 +209,10 @@ fn a_shade_gets_no_light_of_its_inside() {
         let shade = samples::mesh_of(ring(-0.11).chain(ring(0.11)).collect(), facets.collect(), &paper);
         stage.place("shade", shade, DAffine3::IDENTITY).unwrap();
         // The farther it is the larger is the cube.
-        let beside = DVec3::splat(1.1 + 0.1 * f64::from(tenths));
+        let beside = half + 0.1 + 0.1 * f64::from(tenths);
         stage.place("beside", samples::cuboid(beside, beside + 0.1, &wall), DAffine3::IDENTITY).unwrap();
         let world = world_of(stage.finish());
-        // Wider cells hold more sheets and walls than they have groups.
-        for depth in 2..4 {
+        for depth in 2..5 {
             let mut coarse = settings(40_000, depth);
             coarse.octree.depth_first = depth;
             let light = Caches::complete(coarse, &world);
@@ -228,7 +229,7 @@ fn a_shade_gets_no_light_of_its_inside() {
                 }
             }
             let share = outside / inside;
-            assert!(inside > 0.0 && share < 0.04, "{tenths}, depth {depth}: {share}");
+            assert!(inside > 0.0 && share < 0.01, "{tenths}, depth {depth}: {share}");
         }
     }
 }
