@@ -238,6 +238,11 @@ impl Film {
         Some((measured::measure(self)?, self.halves_passes_min()))
     }
 
+    /// Passes that the sums of a class of light hold, where those are fewest: since it was replaced, and those that it counts for from before.
+    pub(crate) fn passes_held(&self, class: PathClass) -> u32 {
+        self.tiles.iter().map(|tile| tile.held().of(class)).min().unwrap_or(0)
+    }
+
     /// Passes whose samples tell how much they spread, where those are fewest.
     fn spread_passes_min(&self) -> u32 {
         self.tiles.iter().map(|tile| tile.held().spread()).min().unwrap_or(0)

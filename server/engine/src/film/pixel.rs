@@ -83,7 +83,7 @@ pub(super) struct Held {
 
 impl Held {
     /// Passes that a class's sum holds.
-    fn of(self, class: PathClass) -> u32 {
+    pub(super) fn of(self, class: PathClass) -> u32 {
         match class {
             PathClass::Emitted => self.passes,
             PathClass::Direct => self.passes - self.forgotten[0],

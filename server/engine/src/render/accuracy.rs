@@ -191,7 +191,7 @@ impl Rendering {
             let picture = own_picture(&self.film, denoising.as_ref());
             let light_noise = self.technique.secondary().map_or(0.0, |known| known.noise());
             self.outlook = Outlook::of((&picture, looked_up, light_noise), traced, (measuring, work_a_ray));
-            self.shortfall = self.outlook.map(|outlook| outlook.shortfall()).or(self.shortfall);
+            self.share_found = self.outlook.map(|outlook| outlook.learning_share()).or(self.share_found);
             let measured = self.measured_error();
             self.confirm(measured.as_ref());
             let is_near = |target| measured.is_some_and(|measured| measured.error() <= NEAR * target);

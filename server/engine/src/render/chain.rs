@@ -6,13 +6,10 @@
 
 use super::{
     measuring::{DECIDED_GROWTH, Measuring},
+    noises::{FilmNoise, looked_up_share},
     remaining::noise_gain,
 };
-use crate::{
-    film::{Film, Picture},
-    math::Rgb,
-    transport::PathClass,
-};
+use crate::film::{Film, Picture};
 
 /// Share of the noise of records that is surely left where their light is shown: some four answer for each pixel.
 const LIGHT_NOISE_SURE: f64 = 0.25;
@@ -111,17 +108,14 @@ impl Shortfall {
 pub(super) struct Outlook {
     /// Samples a pixel of both when it was found.
     samples: u32,
-    /// relMSE of the looked-up picture, as far as it is noise; that of its film; and over how many passes.
-    noise: f64,
+    /// Of the looked-up picture, and relMSE that its film had by chance before some of it was taken off.
+    noise: FilmNoise,
     film_noise: f64,
-    passes: u32,
     /// relMSE of all of it, and the lower end of its interval. What is not noise no sample lowers, but for what was blurred because of
     /// noise: to take that for what is not known learns more and sooner, and pictures are better for it (cornell-glossy at 2 s: 6.5 % for
     /// 8.4 with a quarter of the noise taken off counted as noise).
     error: f64,
     sure_error: f64,
-    /// Passes of it, with those from before what is looked up was replaced.
-    kept_passes: u32,
     /// relMSE that the picture surely has by chance in what is looked up: no more than all of it.
     light_noise: f64,
     /// relMSE of a single path-traced pass, and how many there are.
@@ -147,7 +141,8 @@ impl Outlook {
         let film = picture.film();
         let (noise, passes) = film.noise()?;
         measuring.note_noise(noise.interval_95[0], passes);
-        let (film_noise, noise) = (noise.rel_mse, picture.noise_left() * noise.rel_mse);
+        let film_noise = noise.rel_mse;
+        let looked_up_share = looked_up_share(film);
         let by_gauge = measuring.error_of(picture, film)?;
         let by_tracing =
             traced.and_then(|(traced, _)| picture.clone().blended(traced).measured_error_of_film());
@@ -171,13 +166,11 @@ impl Outlook {
         measuring.choose_pixels_or_samples(&picture.radiance(), film.size());
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
-            noise,
+            noise: FilmNoise::of(film, (picture.noise_left() * film_noise, passes), looked_up_share),
             film_noise,
-            passes,
             error,
             sure_error,
-            light_noise: (LIGHT_NOISE_SURE * looked_up_share(film) * light_noise).min(error),
-            kept_passes: spent.passes.max(1),
+            light_noise: (LIGHT_NOISE_SURE * looked_up_share * light_noise).min(error),
             variance,
             traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
             looked_up: spent.of_a_pass(),
@@ -185,10 +178,18 @@ impl Outlook {
         })
     }
 
-    /// What the film of looked-up light is short of. Most of its noise is that of light whose samples were kept when what is
-    /// looked up was replaced: it is the less the more of them there are.
+    /// What the film of looked-up light is short of.
     pub(super) fn shortfall(&self) -> Shortfall {
-        let noise = self.noise * (f64::from(self.passes) / f64::from(self.kept_passes)).min(1.0);
+        self.shortfall_beside(self.noise.now())
+    }
+
+    /// Work on learning for each on drawing, by what it would be short of, had all its passes been drawn with what is known: what is drawn is
+    /// replaced when more is.
+    pub(super) fn learning_share(&self) -> f64 {
+        self.shortfall_beside(self.noise.had_all_been_fresh()).learning_share()
+    }
+
+    fn shortfall_beside(&self, noise: f64) -> Shortfall {
         Shortfall {
             noise,
             floor: (self.error - noise).max(0.0),
@@ -199,7 +200,7 @@ impl Outlook {
 
     /// The films as they were when it was found.
     pub(super) fn films(&self) -> Films {
-        Films { looked_up: f64::from(self.kept_passes), traced: f64::from(self.traced_passes) }
+        Films { looked_up: self.noise.passes(), traced: f64::from(self.traced_passes) }
     }
 
     /// It is old.
@@ -216,7 +217,7 @@ impl Outlook {
     pub(super) fn turn(&self) -> Turn {
         let Shortfall { noise, floor, .. } = self.shortfall();
         let error = (noise + floor).max(f64::MIN_POSITIVE);
-        let looked_up = noise / f64::from(self.kept_passes) / error / error / self.looked_up.some_work();
+        let looked_up = self.noise.fall_after(0.0) / error / error / self.looked_up.some_work();
         let traced = 1.0 / (self.variance * self.traced.work).max(f64::MIN_POSITIVE);
         if looked_up > traced { Turn::LookedUp } else { Turn::Traced }
     }
@@ -273,8 +274,12 @@ impl Films {
     }
 
     fn own_error(&self, outlook: &Outlook, unlearnt: f64) -> f64 {
-        let Shortfall { noise, floor, .. } = outlook.shortfall();
-        unlearnt * floor + noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes))
+        unlearnt * outlook.shortfall().floor + outlook.noise.after(self.more(outlook))
+    }
+
+    /// Looked-up passes beyond those that there were when it was found.
+    fn more(&self, outlook: &Outlook) -> f64 {
+        self.looked_up - outlook.noise.passes()
     }
 
     /// Path-traced passes of which each is worth as much as those that there were when it was found.
@@ -296,9 +301,8 @@ impl Films {
     pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool, unlearnt: f64) -> f64 {
         let passes = (share * self.passes()).max(1.0);
         let own = self.own_error(outlook, unlearnt).max(f64::MIN_POSITIVE);
-        let Shortfall { noise, .. } = outlook.shortfall();
-        let falls = noise / noise_gain(self.looked_up / f64::from(outlook.kept_passes)) / self.looked_up;
-        let by_looking_up = falls / own / own / outlook.looked_up.some_work();
+        let fall = outlook.noise.fall_after(self.more(outlook));
+        let by_looking_up = fall / own / own / outlook.looked_up.some_work();
         let worth = self.traced_alike(outlook).max(1.0) / self.traced.max(1.0);
         let by_tracing = worth / (outlook.variance * outlook.traced.work).max(f64::MIN_POSITIVE);
         if traces && by_tracing >= by_looking_up {
@@ -319,13 +323,11 @@ impl Outlook {
     pub(super) fn after_64_passes(noise: f64, floor: f64, variance: f64) -> Outlook {
         Outlook {
             samples: 64,
-            noise,
+            noise: FilmNoise::after_64_passes(noise),
             film_noise: noise,
-            passes: 64,
             error: noise + floor,
             sure_error: noise + floor,
             light_noise: 0.0,
-            kept_passes: 64,
             variance,
             traced_passes: 0,
             looked_up: PassCost { rays: 1e5, work: 1e5 },
@@ -334,42 +336,20 @@ impl Outlook {
     }
 }
 
-/// relMSE of a picture for each of the indirect light in it.
-fn looked_up_share(film: &Film) -> f64 {
-    let shown = film.radiance();
-    let mean = shown.iter().map(|colour| f64::from(colour.mean())).sum::<f64>() / shown.len() as f64;
-    let share = |(all, indirect): (&Rgb, &Rgb)| {
-        let [all, indirect] = [all, indirect].map(|colour| f64::from(colour.mean()).powi(2));
-        if indirect > 0.0 { indirect / (all + 0.01 * mean * mean) } else { 0.0 }
-    };
-    shown.iter().zip(&film.layer(PathClass::Indirect)).map(share).sum::<f64>() / shown.len() as f64
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::film::{PictureSize, PixelSample};
 
     fn share(noise: f64, floor: f64, sure_floor: f64) -> f64 {
         Shortfall { noise, floor, sure_floor, light_noise: 0.0 }.learning_share()
     }
 
-    /// What is known of records says how much there is to learn where the measure has not met it; what looks lit by lamps has little of it.
+    /// What is known of records says how much there is to learn where the measure has not met it.
     #[test]
     fn known_noise_of_records_is_learnt_away() {
         let of = |light_noise| Shortfall { noise: 1e-3, floor: 1e-4, sure_floor: 0.0, light_noise };
         assert!((of(0.0).learning_share() - 0.1).abs() < 1e-12);
         assert!((of(3e-3).learning_share() - 3.0).abs() < 1e-12);
-        let mut film = Film::new(PictureSize::new(2, 1).unwrap());
-        film.tiles_mut()[0].add_pass(|x, _| {
-            let indirect = if x == 0 { 1.0 } else { 0.0 };
-            let mut sample = PixelSample::BLACK;
-            sample.radiance[PathClass::Indirect as usize] = Rgb::WHITE * indirect;
-            sample.radiance[PathClass::Direct as usize] = Rgb::WHITE * (2.0 - indirect);
-            sample
-        });
-        // A quarter of one pixel's square, of two.
-        assert!((looked_up_share(&film) - 0.125).abs() < 0.002, "{}", looked_up_share(&film));
     }
 
     /// What is not known is learnt as far as it is the larger error; more than half of the work goes into it as far as that is sure, and by
@@ -391,13 +371,11 @@ mod tests {
     fn tracing_is_weighed_against_what_samples_do_not_lower() {
         let outlook = Outlook {
             samples: 19,
-            noise: 0.038,
+            noise: FilmNoise::after_two_fresh(0.038, 17.0),
             film_noise: 0.1,
-            passes: 2,
             error: 0.045,
             sure_error: 0.022,
             light_noise: 0.0,
-            kept_passes: 17,
             variance: 0.31,
             traced_passes: 2,
             looked_up: PassCost { rays: 8e4, work: 8e4 },
@@ -414,6 +392,16 @@ mod tests {
         assert!(noisy.is_for_tracing(&looked_up(1.0)) && !noisy.is_for_tracing(&looked_up(0.2)));
         assert_eq!(outlook.turn(), Turn::Traced);
         assert_eq!(Outlook { error: 0.005, ..outlook }.turn(), Turn::LookedUp);
+        // Noise of the few samples of what is looked up now, beside path tracing that is better than what is known from all.
+        let fresh = |noise: f64| Outlook {
+            noise: FilmNoise::after_two_fresh(noise, 257.0),
+            error: 0.0065,
+            sure_error: 0.003,
+            variance: 4.4,
+            ..outlook
+        };
+        assert_eq!(fresh(0.03).turn(), Turn::LookedUp);
+        assert_eq!(fresh(1e-4).turn(), Turn::Traced);
         // By what passes take, whatever rays they have.
         let slow = PassCost { work: 1e8, ..outlook.traced };
         assert_eq!(Outlook { traced: slow, ..outlook }.turn(), Turn::LookedUp);

@@ -217,7 +217,7 @@ impl Rendering {
     /// Work on learning for each on drawing, by what the picture is short of.
     pub(super) fn learning_share(&self) -> f64 {
         let [least, most] = LEARNING_SHARES;
-        self.shortfall.map_or(LEARNING_SHARE, |found| found.learning_share()).clamp(least, most)
+        self.share_found.unwrap_or(LEARNING_SHARE).clamp(least, most)
     }
 
     /// Begins some work.

@@ -18,6 +18,7 @@ mod learner;
 mod learning;
 mod meanwhile;
 mod measuring;
+mod noises;
 mod remaining;
 mod settings;
 mod sketched;
@@ -47,7 +48,7 @@ use crate::{
 };
 #[cfg(feature = "gpu")]
 use backend::OnGpu;
-use chain::{Outlook, Shortfall, Turn, Work};
+use chain::{Outlook, Turn, Work};
 use hidden::{HiddenFor, HiddenHalves, HiddenLight};
 use learning::Course;
 use measuring::Measuring;
@@ -121,8 +122,8 @@ pub struct Rendering {
     course: Course,
     /// Seconds of the last pass and of measuring after it.
     pass_seconds: f64,
-    /// What the picture was last found to be short of, also of the light before it was known better.
-    shortfall: Option<Shortfall>,
+    /// Work on learning for each on drawing, by what the picture was last found to be short of, also of the light before it was known better.
+    share_found: Option<f64>,
     /// Where light is looked up: what the error is measured with, and what was found.
     measuring: Option<Measuring>,
     outlook: Option<Outlook>,
@@ -262,7 +263,7 @@ impl Rendering {
             learner: None,
             course: Course::default(),
             pass_seconds: 0.0,
-            shortfall: None,
+            share_found: None,
             measuring: measured
                 .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
             outlook: None,
