@@ -61,7 +61,14 @@ impl Rendering {
     ///
     /// - `measured`: its error now
     /// - `to_learn`: what others still learn of its light
-    pub fn remaining(&self, measured: &MeasuredError, target: f64, to_learn: ToLearn) -> Option<Remaining> {
+    /// - `learnt_since`: rays that had been spent when records began to be made, if they are
+    pub fn remaining(
+        &self,
+        measured: &MeasuredError,
+        target: f64,
+        to_learn: ToLearn,
+        learnt_since: Option<f64>,
+    ) -> Option<Remaining> {
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
         let is_aimed_at = self.target.is_some_and(|own| (own - target).abs() < 1e-6);
@@ -99,6 +106,7 @@ impl Rendering {
                     to_agree,
                     traces: self.settings.indirect == Indirect::Auto,
                     learns: to_learn != ToLearn::Nothing,
+                    learnt_since: learnt_since.unwrap_or(rays),
                 };
                 way.remaining()
             }

@@ -22,6 +22,7 @@ mod noises;
 mod remaining;
 mod settings;
 mod sketched;
+mod steadied;
 #[cfg(test)]
 mod tests;
 mod told;
