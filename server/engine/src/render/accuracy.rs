@@ -61,7 +61,7 @@ impl Rendering {
     ///
     /// - `measured`: its error now
     /// - `to_learn`: what others still learn of its light
-    /// - `learnt_since`: rays that had been spent when records began to be made, if they are
+    /// - `learnt_since`: rays that had been spent when records were first seen to be made, if they are
     pub fn remaining(
         &self,
         measured: &MeasuredError,
@@ -96,6 +96,9 @@ impl Rendering {
                     Some(measuring) => measuring.share_of_rays(),
                     None => self.settings.measuring.of_rays(),
                 };
+                let traces = self.settings.indirect == Indirect::Auto;
+                // What others learn is older than this picture; and what no path tracing takes on only learning can take off.
+                let learnt_since = learnt_since.filter(|_| traces && self.learner.is_some());
                 let way = Way {
                     outlook,
                     measured,
@@ -104,7 +107,7 @@ impl Rendering {
                     measuring_share,
                     is_aimed_at,
                     to_agree,
-                    traces: self.settings.indirect == Indirect::Auto,
+                    traces,
                     learns: to_learn != ToLearn::Nothing,
                     learnt_since: learnt_since.unwrap_or(rays),
                 };

@@ -3,7 +3,7 @@
 //! How much work is left (`remaining.rs`) and how fast it went lately say when it will be done.
 //! Whatever was foretold is held against what came true: a forecast is worth what its record says.
 
-use super::{Remaining, Rendering, ToLearn, steadied::Steadied};
+use super::{Remaining, Rendering, ToLearn, lately::MeasuredLately};
 use crate::film::MeasuredError;
 
 /// A forecast is right if the time it names is off by no more than this share of the true one.
@@ -77,7 +77,7 @@ pub struct ForecastRecord {
 pub struct Forecasts {
     goals: Vec<Goal>,
     pace: Pace,
-    steadied: Steadied,
+    measured_lately: MeasuredLately,
     record: ForecastRecord,
     /// When work began, or went on after a rest, and the last look.
     begun_s: f64,
@@ -112,7 +112,7 @@ impl Forecasts {
         Forecasts {
             goals: targets.iter().copied().map(Goal::new).collect(),
             pace: Pace::default(),
-            steadied: Steadied::default(),
+            measured_lately: MeasuredLately::default(),
             record: ForecastRecord::default(),
             begun_s: 0.0,
             last_s: 0.0,
@@ -157,7 +157,7 @@ impl Forecasts {
             goal.lately.clear();
         }
         (self.pace, self.begun_s, self.last_s) = (Pace::default(), begun_s, begun_s);
-        self.steadied = Steadied::default();
+        self.measured_lately = MeasuredLately::default();
     }
 
     /// Looks at the picture as it is now, and says when it will be how good.
@@ -185,10 +185,10 @@ impl Forecasts {
         let still_to_learn = rendering.still_to_learn(to_learn);
         let off_by = off_by(measured, still_to_learn);
         if has_worked {
-            self.steadied.note(rendering.spent_rays() as f64, measured.as_ref(), still_to_learn);
+            self.measured_lately.note(rendering.spent_rays() as f64, measured.as_ref(), still_to_learn);
         }
-        let steadied = measured.map(|measured| self.steadied.error(measured));
-        let learnt_since = self.steadied.since_rays();
+        let steadied = measured.map(|measured| self.measured_lately.error(measured));
+        let learnt_since = self.measured_lately.since_rays();
         // What was done before a rest is as uncertain as what is to come.
         let rested_s = rate.map_or(0.0, |rate| (rendering.spent_rays() as f64 / rate - worked_s).max(0.0));
         let soon = |at_s: f64| soon([worked_s, at_s], rested_s, off_by);
@@ -327,15 +327,15 @@ impl Goal {
 }
 
 /// Adds one; of too many every second one goes.
-pub(super) fn push_bounded<T>(forecasts: &mut Vec<T>, forecast: T) {
-    if forecasts.len() >= OPEN_MAX {
+pub(super) fn push_bounded<T>(all: &mut Vec<T>, one: T) {
+    if all.len() >= OPEN_MAX {
         let mut index = 0;
-        forecasts.retain(|_| {
+        all.retain(|_| {
             index += 1;
             index % 2 == 1
         });
     }
-    forecasts.push(forecast);
+    all.push(one);
 }
 
 impl ForecastRecord {

@@ -2,10 +2,11 @@
 //!
 //! [`Illumination`] is what a scene knows of its light whoever looks: photons and the octree made of them, brought up to
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
-//! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next,
-//! `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing, `meanwhile.rs` before
-//! anything is known, `accuracy.rs` says how good the picture is, and `forecast.rs` when it will be better; `settings.rs` is what is
-//! asked for, `told.rs` what a rendering tells of itself. Imports every room to its left; the server talks to this one.
+//! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next, by how noisy
+//! either is (`noises.rs`); `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing,
+//! `meanwhile.rs` before anything is known, `accuracy.rs` says how good the picture is, and `forecast.rs` when it will be better, with what
+//! was measured lately (`lately.rs`); `settings.rs` is what is asked for, `told.rs` what a rendering tells of itself. Imports every room to
+//! its left; the server talks to this one.
 
 mod accuracy;
 #[cfg(feature = "gpu")]
@@ -14,6 +15,7 @@ mod chain;
 mod forecast;
 mod hidden;
 mod illumination;
+mod lately;
 mod learner;
 mod learning;
 mod meanwhile;
@@ -22,7 +24,6 @@ mod noises;
 mod remaining;
 mod settings;
 mod sketched;
-mod steadied;
 #[cfg(test)]
 mod tests;
 mod told;

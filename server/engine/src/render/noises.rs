@@ -28,7 +28,7 @@ struct Parts {
     kept: f64,
     /// In what was looked up since light was last replaced.
     fresh: f64,
-    /// In the mean of what was looked up before.
+    /// In the mean of what was looked up before, at the least: as if that had been replaced once.
     rough: f64,
 }
 
@@ -151,8 +151,8 @@ mod tests {
         FilmNoise::of(film, (noise.rel_mse, passes), looked_up_share(film))
     }
 
-    /// Noise is what the film's is, and will be, also where light was replaced after many passes and few have come since: with two after a
-    /// hundred it is ten times that of a hundred and two.
+    /// Noise is what the film's is, and will be, also where light was replaced after many passes and few have come since: twice that of as many
+    /// of one light and more. It is off by some hundredths by chance, and by up to a fifth by what both lights' samples have in common.
     #[test]
     fn replaced_light_is_as_noisy_as_its_own_samples() {
         for looked_up in [0.5, 0.9, 1.0] {
@@ -165,6 +165,7 @@ mod tests {
                 let now = noise.now() / true_noise(&film);
                 assert!((0.8..1.25).contains(&now), "{looked_up}, {passes}: {now}");
                 assert!(noise.had_all_been_fresh() < 0.5 * noise.now());
+                // Of one light, a pass takes off as many times less as there are more passes.
                 let next_fall = noise.fall_after(0.0);
                 assert!(next_fall > 4.0 * noise.had_all_been_fresh() / noise.passes(), "{next_fall}");
                 for more in [4.0, 16.0] {

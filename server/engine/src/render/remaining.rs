@@ -106,7 +106,7 @@ pub(super) struct Way<'a> {
     pub(super) traces: bool,
     /// Light is still learnt.
     pub(super) learns: bool,
-    /// Rays that had been spent when that began.
+    /// Rays that had been spent when that began, as far as learning ends before path tracing; all that were where it is all there is.
     pub(super) learnt_since: f64,
 }
 

@@ -9,7 +9,7 @@ const LATELY: f64 = 0.4;
 
 /// What was measured lately, while records are made.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Steadied {
+pub(super) struct MeasuredLately {
     /// Rays that had been spent when the first were.
     since_rays: Option<f64>,
     looks: Vec<Look>,
@@ -24,13 +24,15 @@ struct Look {
     ln_doubt: f64,
 }
 
-impl Steadied {
+impl MeasuredLately {
     /// Takes in what is measured now.
     ///
-    /// - `rays`: spent so far, more than the last time
+    /// - `rays`: spent so far, fewer than the last time where another film was begun
     pub(super) fn note(&mut self, rays: f64, measured: Option<&MeasuredError>, to_learn: ToLearn) {
-        if to_learn != ToLearn::Records || self.since_rays.is_some_and(|since| rays < since) {
-            *self = Steadied::default();
+        // Another film was begun at another size.
+        let is_another = self.looks.last().is_some_and(|look| rays < look.rays);
+        if to_learn != ToLearn::Records || is_another {
+            *self = MeasuredLately::default();
         }
         let Some(measured) =
             measured.filter(|measured| to_learn == ToLearn::Records && measured.rel_mse > 0.0)
@@ -73,16 +75,16 @@ mod tests {
     /// Measures that are off by twice either way leave an error that is right, and what was long ago has no say.
     #[test]
     fn errors_are_steadied_while_records_are_made() {
-        let mut steadied = Steadied::default();
+        let mut lately = MeasuredLately::default();
         let true_error = |rays: f64| 1e-2 / rays;
-        steadied.note(1.0, Some(&measured(1e6)), ToLearn::Records);
+        lately.note(1.0, Some(&measured(1e6)), ToLearn::Records);
         for look in 2..=40 {
             let rays = f64::from(look);
             let off = if look % 2 == 0 { 2.0 } else { 0.5 };
-            steadied.note(rays, Some(&measured(off * true_error(rays))), ToLearn::Records);
-            assert_eq!(steadied.since_rays(), Some(1.0));
+            lately.note(rays, Some(&measured(off * true_error(rays))), ToLearn::Records);
+            assert_eq!(lately.since_rays(), Some(1.0));
         }
-        let now = steadied.error(measured(2.0 * true_error(40.0)));
+        let now = lately.error(measured(2.0 * true_error(40.0)));
         assert!((now.rel_mse / true_error(40.0)).ln().abs() < 0.05, "{now:?}");
         assert!((now.interval_95[1] / now.rel_mse - 2.0).abs() < 1e-9);
         assert!(now.interval_95[0] <= now.rel_mse);
@@ -92,23 +94,24 @@ mod tests {
     #[test]
     fn errors_are_steadied_by_records_alone() {
         let of_records = || {
-            let mut steadied = Steadied::default();
-            steadied.note(5.0, Some(&measured(1.0)), ToLearn::Records);
-            steadied
+            let mut lately = MeasuredLately::default();
+            lately.note(5.0, Some(&measured(1.0)), ToLearn::Records);
+            lately
         };
         for to_learn in [ToLearn::Rounds, ToLearn::Nothing] {
-            let mut steadied = of_records();
-            steadied.note(6.0, Some(&measured(1e-3)), to_learn);
-            assert_eq!((steadied.since_rays(), steadied.error(measured(1e-3))), (None, measured(1e-3)));
+            let mut lately = of_records();
+            lately.note(6.0, Some(&measured(1e-3)), to_learn);
+            assert_eq!((lately.since_rays(), lately.error(measured(1e-3))), (None, measured(1e-3)));
         }
-        let mut steadied = of_records();
-        steadied.note(4.0, Some(&measured(1e-3)), ToLearn::Records);
-        assert_eq!(steadied.since_rays(), Some(4.0));
-        assert!((steadied.error(measured(1e-3)).rel_mse - 1e-3).abs() < 1e-9);
+        let mut lately = of_records();
+        lately.note(50.0, Some(&measured(1e-2)), ToLearn::Records);
+        lately.note(8.0, Some(&measured(1e-3)), ToLearn::Records);
+        assert_eq!(lately.since_rays(), Some(8.0));
+        assert!((lately.error(measured(1e-3)).rel_mse - 1e-3).abs() < 1e-9);
         // Nothing measured, or nothing wrong.
-        let mut steadied = of_records();
-        steadied.note(6.0, None, ToLearn::Records);
-        steadied.note(7.0, Some(&MeasuredError::NONE), ToLearn::Records);
-        assert_eq!(steadied.looks.len(), 1);
+        let mut lately = of_records();
+        lately.note(6.0, None, ToLearn::Records);
+        lately.note(7.0, Some(&MeasuredError::NONE), ToLearn::Records);
+        assert_eq!(lately.looks.len(), 1);
     }
 }
