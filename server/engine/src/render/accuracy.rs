@@ -61,14 +61,7 @@ impl Rendering {
     ///
     /// - `measured`: its error now
     /// - `to_learn`: what others still learn of its light
-    /// - `learnt_since`: rays that had been spent when records were first seen to be made, if they are
-    pub fn remaining(
-        &self,
-        measured: &MeasuredError,
-        target: f64,
-        to_learn: ToLearn,
-        learnt_since: Option<f64>,
-    ) -> Option<Remaining> {
+    pub fn remaining(&self, measured: &MeasuredError, target: f64, to_learn: ToLearn) -> Option<Remaining> {
         let rays = self.spent_rays() as f64;
         let passes = f64::from(self.passes());
         let is_aimed_at = self.target.is_some_and(|own| (own - target).abs() < 1e-6);
@@ -98,7 +91,7 @@ impl Rendering {
                 };
                 let traces = self.settings.indirect == Indirect::Auto;
                 // What others learn is older than this picture; and what no path tracing takes on only learning can take off.
-                let learnt_since = learnt_since.filter(|_| traces && self.learner.is_some());
+                let learnt_since = self.records_since.filter(|_| traces).map_or(rays, |since| since as f64);
                 let way = Way {
                     outlook,
                     measured,
@@ -109,7 +102,7 @@ impl Rendering {
                     to_agree,
                     traces,
                     learns: to_learn != ToLearn::Nothing,
-                    learnt_since: learnt_since.unwrap_or(rays),
+                    learnt_since,
                 };
                 way.remaining()
             }
@@ -188,6 +181,9 @@ impl Rendering {
     /// Keeps the measure of the error up with the rest of the work, and what comes next with that.
     pub(super) fn measure(&mut self, cancel: &AtomicBool) {
         self.keep_measuring_up(cancel);
+        let makes_records =
+            self.learner.as_ref().is_some_and(|learner| learner.to_learn() == ToLearn::Records);
+        self.records_since = makes_records.then(|| self.records_since.unwrap_or_else(|| self.spent_rays()));
         let denoising = self.denoises();
         let Some(measuring) = &mut self.measuring else { return };
         let Work { looked_up, traced, measured, .. } = self.done;

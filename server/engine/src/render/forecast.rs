@@ -3,7 +3,7 @@
 //! How much work is left (`remaining.rs`) and how fast it went lately say when it will be done.
 //! Whatever was foretold is held against what came true: a forecast is worth what its record says.
 
-use super::{Remaining, Rendering, ToLearn, lately::MeasuredLately};
+use super::{Remaining, Rendering, ToLearn};
 use crate::film::MeasuredError;
 
 /// A forecast is right if the time it names is off by no more than this share of the true one.
@@ -77,7 +77,6 @@ pub struct ForecastRecord {
 pub struct Forecasts {
     goals: Vec<Goal>,
     pace: Pace,
-    measured_lately: MeasuredLately,
     record: ForecastRecord,
     /// When work began, or went on after a rest, and the last look.
     begun_s: f64,
@@ -112,7 +111,6 @@ impl Forecasts {
         Forecasts {
             goals: targets.iter().copied().map(Goal::new).collect(),
             pace: Pace::default(),
-            measured_lately: MeasuredLately::default(),
             record: ForecastRecord::default(),
             begun_s: 0.0,
             last_s: 0.0,
@@ -157,7 +155,6 @@ impl Forecasts {
             goal.lately.clear();
         }
         (self.pace, self.begun_s, self.last_s) = (Pace::default(), begun_s, begun_s);
-        self.measured_lately = MeasuredLately::default();
     }
 
     /// Looks at the picture as it is now, and says when it will be how good.
@@ -182,13 +179,7 @@ impl Forecasts {
         let worked_s = self.last_s - self.begun_s;
         let rate = self.pace.rays_a_second();
         let passes = f64::from(rendering.passes());
-        let still_to_learn = rendering.still_to_learn(to_learn);
-        let off_by = off_by(measured, still_to_learn);
-        if has_worked {
-            self.measured_lately.note(rendering.spent_rays() as f64, measured.as_ref(), still_to_learn);
-        }
-        let steadied = measured.map(|measured| self.measured_lately.error(measured));
-        let learnt_since = self.measured_lately.since_rays();
+        let off_by = off_by(measured, rendering.still_to_learn(to_learn));
         // What was done before a rest is as uncertain as what is to come.
         let rested_s = rate.map_or(0.0, |rate| (rendering.spent_rays() as f64 / rate - worked_s).max(0.0));
         let soon = |at_s: f64| soon([worked_s, at_s], rested_s, off_by);
@@ -198,12 +189,8 @@ impl Forecasts {
             if let Some(at_s) = goal.reached_s {
                 return Expected { target: goal.target, when: When::Reached { at_s } };
             }
-            let remaining = measured.zip(steadied).and_then(|(measured, steadied)| {
-                // Whether it is there says the last measure.
-                let is_told = measured.reaches(goal.target) == steadied.reaches(goal.target);
-                let measured = if is_told { steadied } else { measured };
-                rendering.remaining(&measured, goal.target, to_learn, learnt_since)
-            });
+            let remaining =
+                measured.and_then(|measured| rendering.remaining(&measured, goal.target, to_learn));
             let found = match (remaining, rate) {
                 (Some(Remaining::Nothing), _) => {
                     // Once and for all: who gives up a target later gives up nothing that came true.
@@ -327,15 +314,15 @@ impl Goal {
 }
 
 /// Adds one; of too many every second one goes.
-pub(super) fn push_bounded<T>(all: &mut Vec<T>, one: T) {
-    if all.len() >= OPEN_MAX {
+fn push_bounded<T>(forecasts: &mut Vec<T>, forecast: T) {
+    if forecasts.len() >= OPEN_MAX {
         let mut index = 0;
-        all.retain(|_| {
+        forecasts.retain(|_| {
             index += 1;
             index % 2 == 1
         });
     }
-    all.push(one);
+    forecasts.push(forecast);
 }
 
 impl ForecastRecord {

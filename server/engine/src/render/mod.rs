@@ -4,9 +4,8 @@
 //! date after edits; [`Learner`] adds what is gathered from it for those who look. [`Rendering`] is one view that draws with
 //! what is known, and, where asked for the best there is, with path tracing beside it; `chain.rs` decides which comes next, by how noisy
 //! either is (`noises.rs`); `measuring.rs` measures what comes of it, `learning.rs` shares the work between learning and drawing,
-//! `meanwhile.rs` before anything is known, `accuracy.rs` says how good the picture is, and `forecast.rs` when it will be better, with what
-//! was measured lately (`lately.rs`); `settings.rs` is what is asked for, `told.rs` what a rendering tells of itself. Imports every room to
-//! its left; the server talks to this one.
+//! `meanwhile.rs` before anything is known, `accuracy.rs` says how good the picture is, and `forecast.rs` when it will be better; `settings.rs` is what
+//! is asked for, `told.rs` what a rendering tells of itself. Imports every room to its left; the server talks to this one.
 
 mod accuracy;
 #[cfg(feature = "gpu")]
@@ -15,7 +14,6 @@ mod chain;
 mod forecast;
 mod hidden;
 mod illumination;
-mod lately;
 mod learner;
 mod learning;
 mod meanwhile;
@@ -126,6 +124,8 @@ pub struct Rendering {
     pass_seconds: f64,
     /// Work on learning for each on drawing, by what the picture was last found to be short of, also of the light before it was known better.
     share_found: Option<f64>,
+    /// Rays that had been spent when records of its own were first measured, while they are made.
+    records_since: Option<u64>,
     /// Where light is looked up: what the error is measured with, and what was found.
     measuring: Option<Measuring>,
     outlook: Option<Outlook>,
@@ -266,6 +266,7 @@ impl Rendering {
             course: Course::default(),
             pass_seconds: 0.0,
             share_found: None,
+            records_since: None,
             measuring: measured
                 .map(|hidden| Measuring::new(all_paths(&settings), size, settings.measuring, hidden)),
             outlook: None,

@@ -44,6 +44,29 @@ fn light_that_is_better_known_is_drawn_with() {
     assert_eq!(rendering.turn(), Turn::Traced);
 }
 
+/// What learning may still take off counts from when records began: known from the first measure of them until they are done.
+#[test]
+fn records_are_learnt_since_they_began() {
+    let mut rendering = box_drawn(Learning::InStep);
+    let never = AtomicBool::new(false);
+    let mut since = None;
+    while !rendering.knows_its_light() {
+        let spent = rendering.spent_rays();
+        rendering.step(&never);
+        match (since, rendering.records_since) {
+            (None, Some(now)) => assert!((spent..=rendering.spent_rays()).contains(&now), "{spent} {now}"),
+            (before, now) => assert_eq!(before, now.or(before.filter(|_| rendering.knows_its_light()))),
+        }
+        since = rendering.records_since.or(since);
+    }
+    assert!(since.is_some());
+    let passes = rendering.passes();
+    while rendering.passes() == passes {
+        rendering.step(&never);
+    }
+    assert_eq!(rendering.records_since, None);
+}
+
 /// What path tracing is due while light is learnt it gets at once, and learning does not go on for it: nothing is learnt until it has had it.
 #[test]
 fn tracing_waits_for_no_learning() {
