@@ -184,8 +184,7 @@ impl Outlook {
     }
 
     /// Work on learning for each on drawing. What is drawn meanwhile is replaced when more is known, so that noise counts as if all passes had been
-    /// drawn with what is known now, and what there is beyond as what is not known: taken for noise, ten views after 8 s were off by 1.012 times
-    /// as much.
+    /// drawn with what is known now, and what there is beyond as what is not known.
     pub(super) fn learning_share(&self) -> f64 {
         self.shortfall_beside(self.noise.had_all_been_fresh()).learning_share()
     }

@@ -43,7 +43,7 @@ impl FilmNoise {
             fresh_passes: f64::from(fresh_passes.max(1)),
             passes: f64::from(film.passes_min().max(1)),
             rough_passes: f64::from(film.passes_held(PathClass::Indirect).saturating_sub(fresh_passes)),
-            looked_up_share,
+            looked_up_share: looked_up_share.min(1.0),
         }
     }
 

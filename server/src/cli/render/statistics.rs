@@ -240,21 +240,22 @@ pub(super) fn missed(
     is_confirmed: bool,
 ) -> Option<String> {
     let target = target.filter(|_| matches!(ended, StopReason::Time | StopReason::Samples))?;
-    let found = match measured {
+    let percent = (100.0 * target) as f32;
+    let before = match measured {
         Some(measured) if measured.reaches(target) => {
             if is_confirmed {
                 return None;
             }
-            format!("confirmed by further pixels: it seems to be {:.2} %", 100.0 * measured.error())
+            format!("further pixels confirmed {percent} %: it seems to be {:.2} %", 100.0 * measured.error())
         }
         Some(measured) if measured.error() <= target => {
-            format!("surely: it may still be {:.2} %", 100.0 * measured.error_interval_95()[1])
+            let [is, may_be] = [measured.error(), measured.error_interval_95()[1]].map(|error| 100.0 * error);
+            format!("{percent} % was sure: it seems to be {is:.2} %, and may still be {may_be:.2} %")
         }
-        Some(measured) => format!("found: it is {:.2} %", 100.0 * measured.error()),
-        None => "known".into(),
+        Some(measured) => format!("it came to {percent} %: it is {:.2} %", 100.0 * measured.error()),
+        None => format!("its error was known: {percent} % was asked for"),
     };
-    let (ended, target) = (ended.name(), (100.0 * target) as f32);
-    Some(format!("--{ended} ended it before the {target} % asked for were {found}"))
+    Some(format!("--{} ended it before {before}", ended.name()))
 }
 
 /// What to say of a picture that took longer than the time it was given: it is whole after its first samples at the earliest.
@@ -326,18 +327,15 @@ mod tests {
         };
         let told = |ended, target, found| missed(ended, target, found, true).unwrap_or_default();
         let lucky = missed(StopReason::Time, Some(0.05), measured([0.01, 0.031, 0.049]), false);
-        assert!(lucky.unwrap_or_default().ends_with("confirmed by further pixels: it seems to be 3.10 %"));
+        assert!(lucky.unwrap_or_default().ends_with("further pixels confirmed 5 %: it seems to be 3.10 %"));
         let wrong = measured([0.04, 0.05, 0.07]);
-        assert!(
-            told(StopReason::Time, Some(0.02), wrong).ends_with("the 2 % asked for were found: it is 5.00 %")
-        );
-        assert!(told(StopReason::Time, Some(1e-6), wrong).contains("the 0.0001 % asked for"));
+        let known = "--time ended it before it came to 2 %: it is 5.00 %";
+        assert_eq!(told(StopReason::Time, Some(0.02), wrong), known);
+        assert!(told(StopReason::Time, Some(1e-6), wrong).contains("to 0.0001 %:"));
         let doubtful = told(StopReason::Samples, Some(0.02), measured([0.0, 0.018, 0.03]));
-        assert!(
-            doubtful.starts_with("--samples") && doubtful.contains("surely: it may still be 3.00 %"),
-            "{doubtful}"
-        );
-        assert!(told(StopReason::Time, Some(0.02), None).ends_with("were known"));
+        let is_told = doubtful.ends_with("2 % was sure: it seems to be 1.80 %, and may still be 3.00 %");
+        assert!(doubtful.starts_with("--samples") && is_told, "{doubtful}");
+        assert!(told(StopReason::Time, Some(0.02), None).ends_with("its error was known: 2 % was asked for"));
         assert_eq!(told(StopReason::Samples, Some(0.02), measured([0.01, 0.018, 0.0219])), "");
         assert_eq!(told(StopReason::Time, None, wrong), "");
         assert_eq!(told(StopReason::Error, Some(0.02), measured([0.01, 0.019, 0.02])), "");
