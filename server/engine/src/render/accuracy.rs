@@ -91,7 +91,7 @@ impl Rendering {
                 };
                 let traces = self.settings.indirect == Indirect::Auto;
                 // What others learn is older than this picture; and what no path tracing takes on only learning can take off.
-                let learnt_since = self.records_since.filter(|_| traces).map_or(rays, |since| since as f64);
+                let since = self.records_since.filter(|_| traces).map_or(rays, |since| since as f64);
                 let way = Way {
                     outlook,
                     measured,
@@ -101,8 +101,7 @@ impl Rendering {
                     is_aimed_at,
                     to_agree,
                     traces,
-                    learns: to_learn != ToLearn::Nothing,
-                    learnt_since,
+                    learnt_since: (to_learn != ToLearn::Nothing).then_some(since),
                 };
                 way.remaining()
             }

@@ -104,10 +104,9 @@ pub(super) struct Way<'a> {
     pub(super) to_agree: f64,
     /// Path tracing may join.
     pub(super) traces: bool,
-    /// Light is still learnt.
-    pub(super) learns: bool,
-    /// Rays that had been spent when that began, as far as learning ends before path tracing; all that were where it is all there is.
-    pub(super) learnt_since: f64,
+    /// Rays that had been spent when what is still learnt of its light began to be, all that were where that is not known or does not matter;
+    /// `None` where nothing is.
+    pub(super) learnt_since: Option<f64>,
 }
 
 /// Share that learning leaves at the least of the squared error that only it takes off, as it was when records began. From the first forecasts on,
@@ -120,17 +119,18 @@ const UNLEARNABLE: f64 = 0.1;
 impl Way<'_> {
     /// What is left of it.
     pub(super) fn remaining(&self) -> Option<Remaining> {
-        let Way { outlook, target, traces, learns, .. } = *self;
+        let Way { outlook, target, traces, learnt_since, .. } = *self;
+        let learns = learnt_since.is_some();
         let mut films = outlook.films();
         // As it was measured last, which may be better known than what the films were weighed by.
         let scale = (self.measured.rel_mse / films.error(outlook, 1.0)).clamp(0.1, 10.0);
         let rays = self.rays.max(1.0);
-        let least_unlearnt = (UNLEARNABLE * rays / self.learnt_since.max(1.0)).min(1.0);
+        let least_unlearnt = learnt_since.map_or(1.0, |since| (UNLEARNABLE * rays / since.max(1.0)).min(1.0));
         let (begun, mut more, mut growth) = (films.passes(), 0.0, 1.0);
         loop {
             // What is learnt takes off as much as work adds, as noise falls.
-            let unlearnt = if learns { (rays / (rays + more)).max(least_unlearnt) } else { 1.0 };
-            let is_learning = unlearnt > least_unlearnt && learns;
+            let unlearnt = (rays / (rays + more)).max(least_unlearnt);
+            let is_learning = unlearnt > least_unlearnt;
             let error = scale * films.error(outlook, unlearnt);
             if error <= allowed(self.measured, target, growth) {
                 let drawn = films.passes() - begun;
@@ -174,25 +174,20 @@ mod tests {
         let outlook = Outlook::after_64_passes(1e-4, 3e-3, 1.0);
         let measured = MeasuredError { rel_mse: 3.1e-3, interval_95: [3.09e-3, 3.11e-3], trimmed: None };
         let rays = 1e7;
-        let since = |learnt_since, target, learns, traces| {
-            let (is_aimed_at, to_agree, measuring_share) = (false, 0.0, 0.05);
-            let outlook = &outlook;
-            let measured = &measured;
-            let way = Way {
-                outlook,
-                measured,
-                target,
-                rays,
-                measuring_share,
-                is_aimed_at,
-                to_agree,
-                traces,
-                learns,
-                learnt_since,
-            };
-            way.remaining()
+        let way = Way {
+            outlook: &outlook,
+            measured: &measured,
+            target: 0.01,
+            rays,
+            measuring_share: 0.05,
+            is_aimed_at: false,
+            to_agree: 0.0,
+            traces: true,
+            learnt_since: None,
         };
-        let remaining = |target, learns, traces| since(rays, target, learns, traces);
+        let remaining = |target, learns: bool, traces| {
+            Way { target, traces, learnt_since: learns.then_some(rays), ..way }.remaining()
+        };
         let more = |remaining: Option<Remaining>| match remaining {
             Some(Remaining::Work { rays, .. }) => rays,
             other => panic!("{other:?}"),
@@ -207,7 +202,7 @@ mod tests {
         assert!((more(remaining(0.03, true, false)) / near - 1.0).abs() < 1e-9);
         // What has long been learnt is near its end.
         let [long_learnt, hardly_learnt] =
-            [0.05, 0.5].map(|share| more(since(share * rays, 0.01, true, true)));
+            [0.05, 0.5].map(|share| more(Way { learnt_since: Some(share * rays), ..way }.remaining()));
         assert!(
             long_learnt > 1.05 * hardly_learnt && hardly_learnt > 1.05 * far,
             "{long_learnt:e} {hardly_learnt:e} {far:e}"
