@@ -9,7 +9,7 @@ use super::{
     noises::{FilmNoise, looked_up_share},
     remaining::noise_gain,
 };
-use crate::film::{Film, Picture};
+use crate::film::{Film, MeasuredError, Picture};
 
 /// Share of the noise of records that is surely left where their light is shown: some four answer for each pixel.
 const LIGHT_NOISE_SURE: f64 = 0.25;
@@ -103,6 +103,29 @@ impl Shortfall {
     }
 }
 
+/// Shares of the noise of both films that are not in their worst pixels.
+///
+/// A lamp mirrored in wet ground, or a caustic, is rarely met and a thousand times as bright as what is around. Both films have such specks
+/// alike, by chance one many more than the other, and one of them can be all of its noise: path tracing seems the better of the two then, since
+/// by such noise there is nothing to learn, and had nearly all of 5 s of a street at night: off by 22 % without the worst pixels for 16 by records,
+/// with specks as before.
+#[derive(Clone, Copy, Debug)]
+struct Unspeckled {
+    looked_up: f64,
+    traced: f64,
+}
+
+impl Unspeckled {
+    /// All pixels count.
+    const ALL: Unspeckled = Unspeckled { looked_up: 1.0, traced: 1.0 };
+
+    /// Of the noise of a film.
+    fn share(noise: &MeasuredError) -> f64 {
+        let trimmed = noise.trimmed.filter(|trimmed| *trimmed < noise.rel_mse);
+        trimmed.map_or(1.0, |trimmed| trimmed / noise.rel_mse)
+    }
+}
+
 /// What was last found of the films.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outlook {
@@ -121,6 +144,7 @@ pub(super) struct Outlook {
     /// relMSE of a single path-traced pass, and how many there are.
     variance: f64,
     traced_passes: u32,
+    unspeckled: Unspeckled,
     /// Of either film.
     looked_up: PassCost,
     traced: PassCost,
@@ -160,9 +184,13 @@ impl Outlook {
         // Passes are spread better over what there is to see than samples drawn one by one: their own noise is known best, once there are
         // some. That of two, weighed by what they show, was ten times what it became in dark corners between seats.
         let known = traced.and_then(|(film, _)| film.noise());
-        let variance = known
-            .filter(|(_, passes)| f64::from(*passes) >= TRACED_TELLING)
-            .map_or(cost.variance, |(noise, passes)| noise.rel_mse * f64::from(passes));
+        let telling = known.filter(|(_, passes)| f64::from(*passes) >= TRACED_TELLING);
+        let variance = telling.map_or(cost.variance, |(noise, passes)| noise.rel_mse * f64::from(passes));
+        let unspeckled = Unspeckled {
+            looked_up: Unspeckled::share(&noise),
+            // The few pixels that are measured mostly have none.
+            traced: telling.map_or(1.0, |(noise, _)| Unspeckled::share(&noise)),
+        };
         measuring.choose_pixels_or_samples(&picture.radiance(), film.size());
         Some(Outlook {
             samples: spent.passes + traced.map_or(0, |(_, spent)| spent.passes),
@@ -173,6 +201,7 @@ impl Outlook {
             light_noise: (LIGHT_NOISE_SURE * looked_up_share * light_noise).min(error),
             variance,
             traced_passes: traced.map_or(0, |(_, spent)| spent.passes),
+            unspeckled,
             looked_up: spent.of_a_pass(),
             traced: traced_pass,
         })
@@ -213,13 +242,30 @@ impl Outlook {
         self.film_noise < NOISE_NEGLIGIBLE * self.film_noise.max(self.error)
     }
 
+    /// Path tracing is the better of the two by all pixels, and without the worst.
+    fn is_agreed(&self, is_for_tracing: impl Fn(Unspeckled) -> bool) -> bool {
+        [Unspeckled::ALL, self.unspeckled].into_iter().all(is_for_tracing)
+    }
+
     /// Whose next pass takes more off the error of the blend for the work that it is.
     pub(super) fn turn(&self) -> Turn {
         let Shortfall { noise, floor, .. } = self.shortfall();
-        let error = (noise + floor).max(f64::MIN_POSITIVE);
-        let looked_up = self.noise.fall_after(0.0) / error / error / self.looked_up.some_work();
-        let traced = 1.0 / (self.variance * self.traced.work).max(f64::MIN_POSITIVE);
-        if looked_up > traced { Turn::LookedUp } else { Turn::Traced }
+        let fall = self.noise.fall_after(0.0);
+        if self.falls_more_by_tracing(floor, [noise, fall], 1.0) { Turn::Traced } else { Turn::LookedUp }
+    }
+
+    /// A path-traced pass takes more off the error of the blend than one of looked-up light, for the work that it is.
+    ///
+    /// - `floor`, `noise`: of the film of looked-up light, relMSE, and what a pass takes off its noise
+    /// - `worth`: what a path-traced pass is worth, in those that there were when it was found
+    fn falls_more_by_tracing(&self, floor: f64, [noise, fall]: [f64; 2], worth: f64) -> bool {
+        self.is_agreed(|share_of| {
+            let own = (floor + noise * share_of.looked_up).max(f64::MIN_POSITIVE);
+            let by_looking_up = fall * share_of.looked_up / own / own / self.looked_up.some_work();
+            let variance = self.variance * share_of.traced;
+            let by_tracing = worth / (variance * self.traced.work).max(f64::MIN_POSITIVE);
+            by_tracing >= by_looking_up
+        })
     }
 
     /// While more is learnt, path tracing is due: it would have left less, with all the work so far, than the film of what is learnt so far has
@@ -227,13 +273,17 @@ impl Outlook {
     /// half of the work, and more by as many times as path tracing surely is better; but learning comes to its end.
     pub(super) fn is_for_tracing(&self, done: &Work) -> bool {
         let Shortfall { floor, sure_floor, .. } = self.shortfall();
-        let left = self.left_by_tracing(done.all);
+        let left_of_all = self.left_by_tracing(done.all);
         // Had it all been drawn with what is learnt by now.
-        let noise =
+        let noise_of_all =
             self.noise.had_all_been_fresh() * (done.looked_up / done.all.max(f64::MIN_POSITIVE)).min(1.0);
-        let sure = sure_floor + noise;
-        let share = (sure / (sure + left)).clamp(0.5, TRACED_SHARE_MAX);
-        floor + noise > left && done.traced < share * done.all
+        self.is_agreed(|share_of| {
+            let left = left_of_all * share_of.traced;
+            let noise = noise_of_all * share_of.looked_up;
+            let sure = sure_floor + noise;
+            let share = (sure / (sure + left)).clamp(0.5, TRACED_SHARE_MAX);
+            floor + noise > left && done.traced < share * done.all
+        })
     }
 
     /// Path tracing is surely so far ahead that a round of photons, which would have to go first to end in time, may rather not.
@@ -275,7 +325,12 @@ impl Films {
     }
 
     fn own_error(&self, outlook: &Outlook, unlearnt: f64) -> f64 {
-        unlearnt * outlook.shortfall().floor + outlook.noise.after(self.more(outlook))
+        unlearnt * outlook.shortfall().floor + self.noise(outlook)
+    }
+
+    /// Of the film of looked-up light.
+    fn noise(&self, outlook: &Outlook) -> f64 {
+        outlook.noise.after(self.more(outlook))
     }
 
     /// Looked-up passes beyond those that there were when it was found.
@@ -301,12 +356,10 @@ impl Films {
     /// - `unlearnt`: as for [`Films::error`]
     pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool, unlearnt: f64) -> f64 {
         let passes = (share * self.passes()).max(1.0);
-        let own = self.own_error(outlook, unlearnt).max(f64::MIN_POSITIVE);
-        let fall = outlook.noise.fall_after(self.more(outlook));
-        let by_looking_up = fall / own / own / outlook.looked_up.some_work();
+        let floor = unlearnt * outlook.shortfall().floor;
+        let noise = [self.noise(outlook), outlook.noise.fall_after(self.more(outlook))];
         let worth = self.traced_alike(outlook).max(1.0) / self.traced.max(1.0);
-        let by_tracing = worth / (outlook.variance * outlook.traced.work).max(f64::MIN_POSITIVE);
-        if traces && by_tracing >= by_looking_up {
+        if traces && outlook.falls_more_by_tracing(floor, noise, worth) {
             self.traced += passes;
             passes * outlook.traced.rays.max(1.0)
         } else {
@@ -331,6 +384,7 @@ impl Outlook {
             light_noise: 0.0,
             variance,
             traced_passes: 0,
+            unspeckled: Unspeckled::ALL,
             looked_up: PassCost { rays: 1e5, work: 1e5 },
             traced: PassCost { rays: 1e5, work: 1e5 },
         }
@@ -379,6 +433,7 @@ mod tests {
             light_noise: 0.0,
             variance: 0.31,
             traced_passes: 2,
+            unspeckled: Unspeckled::ALL,
             looked_up: PassCost { rays: 8e4, work: 8e4 },
             traced: PassCost { rays: 1e5, work: 1e5 },
         };
@@ -422,5 +477,44 @@ mod tests {
             assert!(!outlook.is_for_tracing(&done(share + 0.01)), "{lead}");
         }
         assert!(!Outlook::after_64_passes(1e-9, 0.99 * left, 1.0).is_for_tracing(&done(0.0)));
+    }
+
+    /// Specks that both films have by chance do not make path tracing the better of the two, nor the worse: it is where it is without them, and
+    /// where it is with them.
+    #[test]
+    fn specks_decide_nothing() {
+        let done = Work { all: 1e6, looked_up: 1e6, ..Work::default() };
+        let draws = |outlook: &Outlook| {
+            let is_traced = outlook.turn() == Turn::Traced;
+            let mut films = outlook.films();
+            films.advance(outlook, 0.1, true, 1.0);
+            assert_eq!(films.traced > outlook.films().traced, is_traced);
+            [is_traced, outlook.is_for_tracing(&done)]
+        };
+        // Ten passes of either: a speck is nearly all of the one's noise and half of the other's.
+        let of = |looked_up, traced| Outlook {
+            unspeckled: Unspeckled { looked_up, traced },
+            ..Outlook::after_64_passes(5.0, 0.0, 8.0)
+        };
+        assert_eq!(draws(&of(1.0, 1.0)), [true; 2]);
+        assert_eq!(draws(&of(0.01, 0.5)), [false; 2]);
+        assert_eq!(draws(&of(0.5, 0.01)), [true; 2]);
+        // What is not noise is left without specks.
+        let biased = Outlook { error: 15.0, sure_error: 15.0, ..of(0.01, 0.5) };
+        assert_eq!(draws(&biased), [true; 2]);
+        let noisy = Outlook { variance: 1e9, ..of(0.5, 0.01) };
+        assert_eq!(draws(&noisy), [false; 2]);
+        // All of it is specks.
+        assert_eq!(draws(&of(0.0, 0.0)), [true, false]);
+    }
+
+    /// The share of a film's noise that is not in its worst thousandth; all of it where that is not known.
+    #[test]
+    fn noise_without_specks_is_no_more_than_all() {
+        let of = |rel_mse, trimmed| {
+            Unspeckled::share(&MeasuredError { rel_mse, interval_95: [0.0, 1.0], trimmed })
+        };
+        assert_eq!([of(4.0, Some(1.0)), of(4.0, None), of(0.0, Some(0.0))], [0.25, 1.0, 1.0]);
+        assert_eq!([of(1.0, Some(1.5)), of(1.0, Some(0.0))], [1.0, 0.0]);
     }
 }
