@@ -76,6 +76,7 @@ fn measure(name: &str, scene: Scene) {
     if let Some(octree) = octree {
         look_up(&world, &octree);
     }
+    drag(&world);
     edit(world, settings);
 }
 
@@ -275,6 +276,58 @@ fn edit(world: World, settings: PhotonSettings) {
     if let Some((again, ..)) = best {
         println!("- tracing all photons anew: {:.1} ms, {:.0} times as long", 1e3 * anew, anew / again);
     }
+}
+
+/// Edits a second of who drags something.
+const DRAGGED_A_SECOND: f64 = 10.0;
+/// How often the box is moved.
+const DRAGGED: u32 = 40;
+
+/// Drags the small box: how often light of an edit becomes known meanwhile, how long after it, and how long after the last all is.
+fn drag(world: &World) {
+    let settings = RenderSettings { learning: Learning::First, ..RenderSettings::default() };
+    let never = AtomicBool::new(false);
+    let mut learner = Learner::new(Learnt::Octree, &settings, IlluminationSettings::of(&settings));
+    while learner.stage() != Stage::Complete {
+        learner.step(world, &never);
+    }
+    let Some(node) = world.scene().nodes().get("bench box") else { return };
+    let (at, step) = (node.parent_from_node, world.accel().radius() as f64 / 1000.0);
+    let moved = |world: &World, number: u32| {
+        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+        let moved = DAffine3::from_translation(DVec3::X * (step * f64::from(number))) * at;
+        builder.set_transform("bench box", moved).ok()?;
+        let (scene, change) = builder.finish();
+        Some((world.update(Arc::new(scene), &change), change))
+    };
+    let start = Instant::now();
+    // The edit that is followed, and when it came.
+    let mut followed: Option<(World, f64)> = None;
+    let (mut applied, mut behind, mut epoch) = (0, Vec::new(), learner.epoch());
+    while applied < DRAGGED || learner.stage() != Stage::Complete {
+        let due = ((start.elapsed().as_secs_f64() * DRAGGED_A_SECOND) as u32 + 1).min(DRAGGED);
+        let before = followed.as_ref().map_or(world, |(world, _)| world);
+        if due > applied && !learner.is_catching_up() {
+            let Some((after, change)) = moved(before, due) else { return };
+            learner.apply(&Edit { before, after: &after, change: &change });
+            followed = Some((after, f64::from(due - 1) / DRAGGED_A_SECOND));
+            applied = due;
+        }
+        let Some((after, came)) = &followed else { return };
+        learner.step(after, &never);
+        if std::mem::replace(&mut epoch, learner.epoch()) != learner.epoch() {
+            behind.push(start.elapsed().as_secs_f64() - came);
+        }
+    }
+    let complete = start.elapsed().as_secs_f64() - f64::from(DRAGGED - 1) / DRAGGED_A_SECOND;
+    behind.sort_by(f64::total_cmp);
+    println!(
+        "- dragging it, {DRAGGED} edits at {DRAGGED_A_SECOND} a second: light of {} became known, {:.2} s after it in the middle and {:.2} at most; \
+         all is {complete:.2} s after the last",
+        behind.len(),
+        behind.get(behind.len() / 2).copied().unwrap_or(f64::NAN),
+        behind.last().copied().unwrap_or(f64::NAN)
+    );
 }
 
 /// What an edit leaves of the records of irradiance of a view, and how long it takes to bring them up to date.

@@ -262,6 +262,11 @@ impl Illumination {
         self.round == 0 && !self.is_between && self.stage() != Stage::Complete
     }
 
+    /// All that is under way is the octree of photons that are all there.
+    pub(super) fn is_making_octree(&self) -> bool {
+        self.photons.is_complete() && !self.is_between && self.stage() != Stage::Complete
+    }
+
     /// What is under way are rounds, and this is not the last.
     pub(super) fn is_before_last_round(&self) -> bool {
         !self.is_cut && self.next_round() < self.round_count

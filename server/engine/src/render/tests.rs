@@ -1,5 +1,6 @@
 //! Laws of photons and octree together [techniques.md].
 
+mod dragged;
 mod meanwhile;
 mod octrees;
 mod pictures;

@@ -46,11 +46,12 @@ impl Learner {
         }
     }
 
-    /// The last edit that [`Learner::apply`] was told of made the rounds begin again, and nothing came of it yet: what comes next is to
-    /// wait. Else edits that follow each other faster than a first octree takes would show light of before for as long as they go on; so
-    /// they are followed as fast as possible, and the last of them after twice that time at most.
+    /// Nothing came yet of the last edit that [`Learner::apply`] was told of, but the rounds began again for it, or all that is left to be made
+    /// is the octree: what comes next is to wait. Else edits that follow each other faster than an octree takes would show light of before for as
+    /// long as they go on; so they are followed as fast as possible, and the last of them after twice that time at most.
     pub fn is_catching_up(&self) -> bool {
-        self.is_catching_up && self.illumination.as_ref().is_some_and(Illumination::is_in_first_round)
+        let is_under_way = |of: &Illumination| of.is_in_first_round() || of.is_making_octree();
+        self.is_catching_up && self.illumination.as_ref().is_some_and(is_under_way)
     }
 
     /// What is known falls behind by an edit that [`Learner::apply`] is told of later, or by several: all since the last that it was
