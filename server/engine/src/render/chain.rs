@@ -249,17 +249,19 @@ impl Outlook {
 
     /// Whose next pass takes more off the error of the blend for the work that it is.
     pub(super) fn turn(&self) -> Turn {
-        let Shortfall { noise, floor, .. } = self.shortfall();
-        let fall = self.noise.fall_after(0.0);
-        if self.falls_more_by_tracing(floor, [noise, fall], 1.0) { Turn::Traced } else { Turn::LookedUp }
+        let noise = [self.noise.now(), self.noise.fall_after(0.0)];
+        if self.falls_more_by_tracing(1.0, noise, 1.0) { Turn::Traced } else { Turn::LookedUp }
     }
 
     /// A path-traced pass takes more off the error of the blend than one of looked-up light, for the work that it is.
     ///
-    /// - `floor`, `noise`: of the film of looked-up light, relMSE, and what a pass takes off its noise
+    /// - `unlearnt`: as for [`Films::error`]
+    /// - `noise`: of the film of looked-up light, relMSE, and what a pass takes off that
     /// - `worth`: what a path-traced pass is worth, in those that there were when it was found
-    fn falls_more_by_tracing(&self, floor: f64, [noise, fall]: [f64; 2], worth: f64) -> bool {
+    fn falls_more_by_tracing(&self, unlearnt: f64, [noise, fall]: [f64; 2], worth: f64) -> bool {
         self.is_agreed(|share_of| {
+            // The few pixels that are measured mostly have no speck: beside all noise nothing would be left of what is not known.
+            let floor = unlearnt * self.shortfall_beside(self.noise.now() * share_of.looked_up).floor;
             let own = (floor + noise * share_of.looked_up).max(f64::MIN_POSITIVE);
             let by_looking_up = fall * share_of.looked_up / own / own / self.looked_up.some_work();
             let variance = self.variance * share_of.traced;
@@ -270,7 +272,8 @@ impl Outlook {
 
     /// While more is learnt, path tracing is due: it would have left less, with all the work so far, than the film of what is learnt so far has
     /// left with as much, and it has not had its share. What is learnt makes the picture better by nobody knows how much, so that this is
-    /// half of the work, and more by as many times as path tracing surely is better; but learning comes to its end.
+    /// half of the work, and more by as many times as path tracing surely is better; but learning comes to its end. What is measured beside a speck
+    /// may be another one: as long as more is learnt only what is beyond all noise counts as not known.
     pub(super) fn is_for_tracing(&self, done: &Work) -> bool {
         let Shortfall { floor, sure_floor, .. } = self.shortfall();
         let left_of_all = self.left_by_tracing(done.all);
@@ -356,10 +359,9 @@ impl Films {
     /// - `unlearnt`: as for [`Films::error`]
     pub(super) fn advance(&mut self, outlook: &Outlook, share: f64, traces: bool, unlearnt: f64) -> f64 {
         let passes = (share * self.passes()).max(1.0);
-        let floor = unlearnt * outlook.shortfall().floor;
         let noise = [self.noise(outlook), outlook.noise.fall_after(self.more(outlook))];
         let worth = self.traced_alike(outlook).max(1.0) / self.traced.max(1.0);
-        if traces && outlook.falls_more_by_tracing(floor, noise, worth) {
+        if traces && outlook.falls_more_by_tracing(unlearnt, noise, worth) {
             self.traced += passes;
             passes * outlook.traced.rays.max(1.0)
         } else {
@@ -479,10 +481,9 @@ mod tests {
         assert!(!Outlook::after_64_passes(1e-9, 0.99 * left, 1.0).is_for_tracing(&done(0.0)));
     }
 
-    /// Specks that both films have by chance do not make path tracing the better of the two, nor the worse: it is where it is without them, and
-    /// where it is with them.
+    /// Specks that the films have by chance do not make path tracing the better of the two: it is where it is so with them and without.
     #[test]
-    fn specks_decide_nothing() {
+    fn specks_do_not_make_tracing_better() {
         let done = Work { all: 1e6, looked_up: 1e6, ..Work::default() };
         let draws = |outlook: &Outlook| {
             let is_traced = outlook.turn() == Turn::Traced;
@@ -491,15 +492,19 @@ mod tests {
             assert_eq!(films.traced > outlook.films().traced, is_traced);
             [is_traced, outlook.is_for_tracing(&done)]
         };
-        // Ten passes of either: a speck is nearly all of the one's noise and half of the other's.
+        // The pixels that are measured have none. Of the noise of all they are nearly all in the one film, and half in the other.
         let of = |looked_up, traced| Outlook {
             unspeckled: Unspeckled { looked_up, traced },
+            error: 0.05,
+            sure_error: 0.05,
             ..Outlook::after_64_passes(5.0, 0.0, 8.0)
         };
         assert_eq!(draws(&of(1.0, 1.0)), [true; 2]);
         assert_eq!(draws(&of(0.01, 0.5)), [false; 2]);
         assert_eq!(draws(&of(0.5, 0.01)), [true; 2]);
-        // What is not noise is left without specks.
+        // What is not noise is left without specks, also where they are more than all that was measured.
+        let hidden = Outlook { error: 0.4, sure_error: 0.4, ..of(0.01, 0.5) };
+        assert_eq!(hidden.turn(), Turn::Traced);
         let biased = Outlook { error: 15.0, sure_error: 15.0, ..of(0.01, 0.5) };
         assert_eq!(draws(&biased), [true; 2]);
         let noisy = Outlook { variance: 1e9, ..of(0.5, 0.01) };

@@ -262,9 +262,17 @@ impl Illumination {
         self.round == 0 && !self.is_between && self.stage() != Stage::Complete
     }
 
-    /// All that is under way is the octree of photons that are all there.
-    pub(super) fn is_making_octree(&self) -> bool {
-        self.photons.is_complete() && !self.is_between && self.stage() != Stage::Complete
+    /// What is under way is not far from its next octree: no more photons are to be traced than a small edit may touch.
+    pub(super) fn is_near_an_octree(&self) -> bool {
+        !self.is_between
+            && self.stage() != Stage::Complete
+            && self.photons.is_begun()
+            && self.pending_share() <= TOUCHED_SHARE_MAX
+    }
+
+    /// Share of the photons that are to be traced.
+    fn pending_share(&self) -> f64 {
+        self.photons.pending_count() as f64 / self.photons.paths().path_count().max(1) as f64
     }
 
     /// What is under way are rounds, and this is not the last.
@@ -359,9 +367,8 @@ impl Illumination {
             self.begin_round(0, ROUNDS[0].photon_divisor);
             return true;
         }
-        let paths = self.photons.paths().path_count();
         let is_first = self.round == 0;
-        let touches_much = self.photons.pending_count() as f64 > TOUCHED_SHARE_MAX * paths as f64;
+        let touches_much = self.pending_share() > TOUCHED_SHARE_MAX;
         if touches_much && (!is_first || self.first_exponent.is_some()) {
             self.edit_counts = self.photons.edit_counts();
             self.begin_round(0, ROUNDS[0].photon_divisor);

@@ -140,20 +140,16 @@ impl std::fmt::Debug for Changed {
 }
 
 impl Changed {
-    /// - `changed`: of one or more generations
-    fn of(changed: &[&ChangedPhotons]) -> Changed {
-        let tree_of = |mut places: Vec<[f32; 3]>| {
+    fn of(changed: &ChangedPhotons) -> Changed {
+        let tree_of = |places: &Vec<Vec3>| {
+            let mut places: Vec<[f32; 3]> = places.iter().map(Vec3::to_array).collect();
             // Photons that changed colour only came and went at one place.
             places.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap_or(Ordering::Equal));
             places.dedup();
             kiddo::ImmutableKdTree::new_from_slice(&places).ok()
         };
         let trees = [0, 1].map(|class: usize| {
-            let mut of_sides: HashMap<SideId, Vec<[f32; 3]>> = HashMap::new();
-            for (side, places) in changed.iter().flat_map(|changed| &changed[class]) {
-                of_sides.entry(*side).or_default().extend(places.iter().map(Vec3::to_array));
-            }
-            of_sides.into_iter().filter_map(|(side, places)| Some((side, tree_of(places)?))).collect()
+            changed[class].iter().filter_map(|(side, places)| Some((*side, tree_of(places)?))).collect()
         });
         Changed { trees }
     }
@@ -185,19 +181,19 @@ impl Building {
         let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube.clone(), expected, known));
         let voxel_seconds = start.elapsed().as_secs_f64();
         let radius_max_m = radius_max_m(&voxels, expected);
-        let is_like = |octree: &&Arc<LightOctree>| {
-            octree.voxels.cube == cube
-                && octree.radius_max_m == radius_max_m
-                && octree.settings == settings
-                && octree.photons.generation < photons.generation
-        };
+        // The light before this edit is known only to those who made the octree of the generation before.
         let reused = before
-            .filter(is_like)
-            .and_then(|octree| Some((octree, photons.changed_since(octree.photons.generation)?)))
+            .filter(|octree| {
+                octree.voxels.cube == cube
+                    && octree.radius_max_m == radius_max_m
+                    && octree.settings == settings
+                    && octree.photons.generation + 1 == photons.generation
+            })
+            .zip(photons.changed.as_ref())
             .map(|(octree, changed)| Reused {
                 octree: octree.clone(),
                 sides: octree.photons.maps.surfaces().sides_in(surfaces),
-                changed: Changed::of(&changed),
+                changed: Changed::of(changed),
                 moved: voxels.moved_since(&octree.voxels, world.accel()),
             });
         let light = Vec::with_capacity(voxels.sets.len());

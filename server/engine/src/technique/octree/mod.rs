@@ -403,7 +403,11 @@ impl OctreeBuilding {
     fn depth_next(&self, photons: &PhotonProduct) -> u32 {
         match &self.octree {
             Some(octree) if octree.photons.generation == photons.generation => octree.depth() + 1,
-            Some(octree) if photons.changed_since(octree.photons.generation).is_some() => octree.depth(),
+            Some(octree)
+                if octree.photons.generation + 1 == photons.generation && photons.changed.is_some() =>
+            {
+                octree.depth()
+            }
             _ => self.settings.depth_first,
         }
     }

@@ -42,8 +42,8 @@ use self::{
     trace::{PhotonTracer, TraceTally},
 };
 use super::{
-    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, MAPPED, PhotonCarrier, PhotonChanges, PhotonMaps,
-    PhotonProduct, Progress, SentPhoton, Step, Surfaces, Technique, TriangleSide,
+    Bias, CREASE_ANGLE_RAD, Card, Counts, Edit, MAPPED, PhotonCarrier, PhotonMaps, PhotonProduct, Progress,
+    SentPhoton, Step, Surfaces, Technique, TriangleSide,
 };
 use crate::{
     accel::Accel,
@@ -93,8 +93,6 @@ pub struct PhotonTracing {
     product: Arc<PhotonProduct>,
     /// What changed since the last product.
     stale: selective::Stale,
-    /// And since those before, as long as sides can be told.
-    changes: PhotonChanges,
     edit_counts: EditCounts,
     probe: selective::Probe,
     carrier: Option<Arc<dyn PhotonCarrier>>,
@@ -113,7 +111,6 @@ impl PhotonTracing {
             surfaces: Arc::default(),
             product: Arc::default(),
             stale: selective::Stale::everything(),
-            changes: PhotonChanges::default(),
             edit_counts: EditCounts::default(),
             probe: selective::Probe::default(),
             carrier: None,
@@ -295,11 +292,10 @@ impl PhotonTracing {
                 stale.keeps(class, side).then(|| stale.map_before(&before.maps, class, side))
             })
         };
-        let generation = before.generation + 1;
-        self.changes.note(generation, self.stale.take_changed());
+        let changed = self.stale.take_changed();
         let flights_of = |class| self.paths.flights((class, maps.photon_count(class)), normal_of);
         let flights = MAPPED.into_iter().flat_map(flights_of).collect();
-        self.product = Arc::new(PhotonProduct::new(maps, generation, self.changes.clone(), flights));
+        self.product = Arc::new(PhotonProduct::new(maps, before.generation + 1, changed, flights));
     }
 }
 

@@ -20,8 +20,7 @@ use super::{
 use crate::{
     accel::Accel,
     technique::{
-        ChangedPhotons, Edit, MAPPED, PhotonMaps, SideId, SideMap, Surfaces, TouchedBoxes, rename_sides,
-        renamed_instances,
+        ChangedPhotons, Edit, MAPPED, PhotonMaps, SideId, SideMap, Surfaces, TouchedBoxes, renamed_instances,
     },
     transport::{SourceName, World},
 };
@@ -253,10 +252,15 @@ impl PhotonTracing {
             None => Some(side),
         };
         let before = self.surfaces.sides_in(&old).into_iter().map(|side| side.and_then(mapped)).collect();
-        // What changed before this edit keeps its place under new numbers.
-        let renamed = old.sides_in(&self.surfaces);
-        self.stale.changed.iter_mut().for_each(|changed| rename_sides(changed, &renamed));
-        self.changes.rename(&renamed);
+        if let Some(changed) = &mut self.stale.changed {
+            // What changed before this edit keeps its place under new numbers.
+            let renamed = old.sides_in(&self.surfaces);
+            for of_class in changed.iter_mut() {
+                let kept = std::mem::take(of_class).into_iter();
+                *of_class =
+                    kept.filter_map(|(side, places)| Some((renamed[side.index()]?, places))).collect();
+            }
+        }
         self.stale.before = Some(before);
     }
 

@@ -412,9 +412,8 @@ fn hits_before_the_change_have_not_changed() {
     assert!(tracing.edit_counts().withdrawn > 100, "{:?}", tracing.edit_counts());
     complete(&after, &mut tracing);
     let won = places(&tracing);
-    let product = tracing.product();
-    let changed = product.changed_since(product.generation - 1).unwrap();
-    let changed = changed.into_iter().flatten().flat_map(|of_class| of_class.values().flatten());
+    let changed = tracing.product().changed.clone().unwrap();
+    let changed = changed.iter().flat_map(|of_class| of_class.values().flatten());
     let changed: Vec<[u32; 3]> = changed.map(|place| place.to_array().map(f32::to_bits)).collect();
     assert!(changed.len() > 100, "{}", changed.len());
     let kept = changed.iter().filter(|place| lost.contains(*place) == won.contains(*place)).count();

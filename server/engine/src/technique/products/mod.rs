@@ -1,7 +1,6 @@
 //! What techniques make for each other: photon maps over the surfaces of the scene, and caches of the light there.
 
 mod carried;
-mod changes;
 mod crease;
 mod dimmed;
 mod extent;
@@ -18,6 +17,7 @@ mod touched;
 mod walls;
 
 use std::{
+    collections::HashMap,
     fmt,
     sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, atomic::AtomicBool},
 };
@@ -29,7 +29,6 @@ pub use self::{
         CarriedPhotons, KeptPhoton, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
         PHOTON_SURVIVAL_MAX, PhotonCarrier, SentPhoton,
     },
-    changes::{ChangedPhotons, PhotonChanges},
     crease::CREASE_ANGLE_RAD,
     dimmed::Dimmed,
     gather::{Gather, GatherBounds, GatheredPhoton},
@@ -45,14 +44,11 @@ pub use self::{
     walls::{WallSearch, Walls},
 };
 
+pub(in crate::technique) use self::extent::{PartVisitor, PlacedPart};
 #[cfg(feature = "gpu")]
 pub use self::gather::{FoundPhotons, OtherMaps};
 #[cfg(test)]
 pub(in crate::technique) use self::guide::samples_of_guides;
-pub(in crate::technique) use self::{
-    changes::rename as rename_sides,
-    extent::{PartVisitor, PlacedPart},
-};
 #[cfg(feature = "gpu")]
 pub(in crate::technique) use self::{
     extent::Facets,
@@ -294,7 +290,8 @@ pub struct PhotonProduct {
     pub maps: PhotonMaps,
     /// Counts up with every product of one technique.
     pub generation: u64,
-    changes: PhotonChanges,
+    /// Where photons came or went since the generation before; `None`: anywhere.
+    pub changed: Option<ChangedPhotons>,
     /// Some of those that maps hold, until the guide is made of them.
     flights: Mutex<Vec<Flight>>,
     guide: OnceLock<Option<Guide>>,
@@ -303,20 +300,14 @@ pub struct PhotonProduct {
 impl PhotonProduct {
     /// What a technique made.
     ///
-    /// - `changes`: since the generations before
     /// - `flights`: of photons that maps hold; see [`Flight::is_asked`]
     pub fn new(
         maps: PhotonMaps,
         generation: u64,
-        changes: PhotonChanges,
+        changed: Option<ChangedPhotons>,
         flights: Vec<Flight>,
     ) -> PhotonProduct {
-        PhotonProduct { maps, generation, changes, flights: Mutex::new(flights), guide: OnceLock::new() }
-    }
-
-    /// Where photons came or went since an earlier generation of the same technique, one set of places for each from then on; `None`: anywhere.
-    pub fn changed_since(&self, generation: u64) -> Option<Vec<&ChangedPhotons>> {
-        self.changes.between([generation, self.generation])
+        PhotonProduct { maps, generation, changed, flights: Mutex::new(flights), guide: OnceLock::new() }
     }
 
     /// Memory.
@@ -336,6 +327,9 @@ impl PhotonProduct {
         self.guide.get_or_init(|| Guide::of(std::mem::take(&mut *self.flights()))).as_ref()
     }
 }
+
+/// Places of photons that came or went, by class as in [`MAPPED`], and by the side they lie on.
+pub type ChangedPhotons = [HashMap<SideId, Vec<Vec3>>; 2];
 
 /// The newest of what is there so far.
 #[derive(Clone, Debug, Default)]
