@@ -27,6 +27,7 @@ mod look_up;
 mod pack;
 mod parting;
 mod pieces;
+mod reused;
 mod tree;
 mod upload;
 mod voxels;
