@@ -14,7 +14,7 @@ use super::{
     harmonics::Harmonics,
     lights::{self, RiseOfSpread, ShadedVdl, Softness},
     parting::{NearWalls, Parting, parted},
-    reused::{Changed, Reused},
+    reused::Reused,
     tree::Nodes,
     voxels::{Expected, VoxelSet, Voxels},
 };
@@ -38,6 +38,10 @@ pub(super) struct SetLight {
     pub(super) vdls: [Vec<Vdl>; 2],
     /// By class, where that is what is kept.
     pub(super) harmonics: Option<[Harmonics; 2]>,
+    /// By class: photons of its gather, as many as can be told.
+    pub(super) found: [u16; 2],
+    /// By class: of those that came or went since, so many were not looked at.
+    pub(super) owed: [u16; 2],
     /// By class: how far from the group's middle its photons lie, m.
     pub(super) radius_m: [f32; 2],
     /// By class: nothing farther than this from the group's middle had any influence, m.
@@ -125,21 +129,12 @@ impl Building {
         let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube.clone(), expected, known));
         let voxel_seconds = start.elapsed().as_secs_f64();
         let radius_max_m = radius_max_m(&voxels, expected);
-        // The light before this edit is known only to those who made the octree of the generation before.
-        let reused = before
-            .filter(|octree| {
-                octree.voxels.cube == cube
-                    && octree.radius_max_m == radius_max_m
-                    && octree.settings == settings
-                    && octree.photons.generation + 1 == photons.generation
-            })
-            .zip(photons.changed.as_ref())
-            .map(|(octree, changed)| Reused {
-                octree: octree.clone(),
-                sides: octree.photons.maps.surfaces().sides_in(surfaces),
-                changed: Changed::of(changed),
-                moved: voxels.moved_since(&octree.voxels, world.accel()),
-            });
+        let is_like = |octree: &&Arc<LightOctree>| {
+            octree.voxels.cube == cube && octree.radius_max_m == radius_max_m && octree.settings == settings
+        };
+        let reused = before.filter(is_like).and_then(|octree| {
+            Reused::of(octree, photons, voxels.moved_since(&octree.voxels, world.accel()))
+        });
         let light = Vec::with_capacity(voxels.sets.len());
         Some(Building {
             settings,
@@ -252,6 +247,7 @@ impl Building {
             let gathered = Instant::now();
             light.radius_m[index] = bench.gather.radius_m;
             counts.photons += bench.gather.photons.len() as u64;
+            light.found[index] = u16::try_from(bench.gather.photons.len()).unwrap_or(u16::MAX);
             counts.gather_seconds += (gathered - start).as_secs_f64();
             if bench.gather.photons.is_empty() {
                 continue;
@@ -311,6 +307,7 @@ impl Building {
         let mut shaded = Vec::new();
         let mut harmonics = Vec::new();
         let mut walls = Vec::new();
+        let mut owed = Vec::with_capacity(self.light.len());
         for ((light, set), wall) in self.light.into_iter().zip(&self.voxels.sets).zip(partings) {
             if self.settings.leaf == LeafKind::Harmonics {
                 harmonics.push(light.harmonics.unwrap_or_default());
@@ -347,7 +344,9 @@ impl Building {
                 spread,
                 wall,
             });
+            owed.push(light.owed);
             gathers.push(LeafGather {
+                found: light.found,
                 radius_m: light.radius_m,
                 reach_m: light.reach_m,
                 chord_rms,
@@ -369,6 +368,7 @@ impl Building {
             nodes,
             sets,
             gathers,
+            owed,
             walls,
             vdls,
             shaded,

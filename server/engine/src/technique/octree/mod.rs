@@ -12,7 +12,8 @@
 //!
 //! **Biased**: light is blurred over the gather and over a cell, and what hides a light near by is taken to hide all of it;
 //! consistent as photons and depth grow. Shows coarse cells first; after an edit only cells are built again whose photons or
-//! surfaces changed or near which something moved, which leaves exactly what a fresh build would.
+//! surfaces changed or near which something moved, those first of whose photons many did (`reused.rs`), which leaves exactly what a fresh
+//! build would.
 
 mod build;
 mod cluster;
@@ -157,6 +158,8 @@ pub struct LightOctree {
     sets: Vec<LeafSet>,
     /// Of each group.
     gathers: Vec<LeafGather>,
+    /// Of each group and class, photons that came or went since and were not looked at, see [`LightOctree::owes`].
+    owed: Vec<[u16; 2]>,
     /// Walls around groups, in their order, of those that have any.
     walls: Vec<NearWalls>,
     vdls: Vec<Vdl>,
@@ -196,6 +199,8 @@ const _: () = assert!(size_of::<LeafSet>() == 64);
 /// How the light of a group came to be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct LeafGather {
+    /// By class: photons of it, as many as can be told.
+    found: [u16; 2],
     /// By class: how far away its photons lie, m.
     radius_m: [f32; 2],
     /// By class: nothing farther away had any influence, m.
@@ -231,6 +236,11 @@ impl LightOctree {
         self.settings.is_enough(self.voxels.cube.cell_m(), self.radius_max_m)
     }
 
+    /// It holds groups whose photons are not all of now: of those few came or went, and what gets much other light after an edit is shown first.
+    pub(crate) fn owes(&self) -> bool {
+        self.owed.iter().any(|owed| *owed != [0; 2])
+    }
+
     /// Lights in all cells.
     pub fn vdl_count(&self) -> usize {
         self.vdls.len()
@@ -239,7 +249,7 @@ impl LightOctree {
     /// Memory of nodes, cells, pieces of surface and lights.
     pub fn bytes(&self) -> usize {
         self.nodes.bytes()
-            + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>())
+            + self.sets.len() * (size_of::<LeafSet>() + size_of::<LeafGather>() + size_of::<[u16; 2]>())
             + self.walls.len() * size_of::<NearWalls>()
             + self.vdls.len() * size_of::<Vdl>()
             + self.shaded.len() * size_of::<LightBlock>()
@@ -255,6 +265,7 @@ impl LightOctree {
             && self.voxels.first_set == other.voxels.first_set
             && self.sets == other.sets
             && self.gathers == other.gathers
+            && self.owed == other.owed
             && self.walls == other.walls
             && self.vdls == other.vdls
             && self.harmonics == other.harmonics
@@ -360,7 +371,10 @@ impl OctreeBuilding {
     /// True when the newest octree is of these photons and as deep as it gets.
     pub fn is_complete(&self, photons: &PhotonProduct) -> bool {
         let is_done = |octree: &Arc<LightOctree>| {
-            octree.depth() >= self.settings.depth || self.is_deepest || octree.shows_all_its_photons_can()
+            !octree.owes()
+                && (octree.depth() >= self.settings.depth
+                    || self.is_deepest
+                    || octree.shows_all_its_photons_can())
         };
         self.nothing_of == Some(photons.generation)
             || self
@@ -377,7 +391,7 @@ impl OctreeBuilding {
         let fits =
             |depth| pieces_at(world, photons.maps.surfaces(), depth) <= OctreeSettings::PIECES_MAX as f64;
         let is_of_these = |octree: &Arc<LightOctree>| octree.photons.generation == photons.generation;
-        let is_deepening = self.octree.as_ref().is_some_and(is_of_these);
+        let is_deepening = self.octree.as_ref().is_some_and(|octree| is_of_these(octree) && !octree.owes());
         self.is_deepest = is_deepening && !fits(depth);
         if self.is_deepest {
             return None;
@@ -400,10 +414,12 @@ impl OctreeBuilding {
     }
 
     /// The depth to be built next: coarse first, then level by level. After an edit at once as deep as before, if it is
-    /// known what changed; else coarse again.
+    /// known what changed, and again for what is [owed](LightOctree::owes); else coarse again.
     fn depth_next(&self, photons: &PhotonProduct) -> u32 {
         match &self.octree {
-            Some(octree) if octree.photons.generation == photons.generation => octree.depth() + 1,
+            Some(octree) if octree.photons.generation == photons.generation => {
+                octree.depth() + u32::from(!octree.owes())
+            }
             Some(octree)
                 if octree.photons.generation + 1 == photons.generation && photons.changed.is_some() =>
             {
