@@ -262,7 +262,8 @@ impl Illumination {
         self.round == 0 && !self.is_between && self.stage() != Stage::Complete
     }
 
-    /// What is under way is not far from its next octree: no more photons are to be traced than a small edit may touch.
+    /// What is under way is not far from its next octree: no more photons are to be traced than a small edit may touch. Where that leaves most
+    /// groups alone the octree is soon made.
     pub(super) fn is_near_an_octree(&self) -> bool {
         !self.is_between
             && self.stage() != Stage::Complete

@@ -48,9 +48,11 @@ impl Learner {
 
     /// Nothing came yet of the last edit that [`Learner::apply`] was told of, but the rounds began again for it, or next to all that is left to be
     /// made is the octree: what comes next is to wait. Else edits that follow each other faster than that takes would show light of before for as
-    /// long as they go on; so they are followed as fast as possible, and the last of them after twice that time at most.
+    /// long as they go on; so they are followed as fast as possible, and the last of them after twice that time at most. What makes the lights
+    /// others waits for no octree of a small edit, since nothing that is known is shown meanwhile.
     pub fn is_catching_up(&self) -> bool {
-        let is_under_way = |of: &Illumination| of.is_in_first_round() || of.is_near_an_octree();
+        let is_worth_it = |of: &Illumination| of.is_near_an_octree() && !self.knows_other_lights();
+        let is_under_way = |of: &Illumination| of.is_in_first_round() || is_worth_it(of);
         self.is_catching_up && self.illumination.as_ref().is_some_and(is_under_way)
     }
 

@@ -126,7 +126,13 @@ impl Building {
         let known = before.map(|octree| &*octree.voxels);
         let expected = Expected::by(&settings, &cube);
         let start = Instant::now();
-        let voxels = Arc::new(Voxels::of(world.accel(), surfaces, cube.clone(), expected, known));
+        let is_of_these = |octree: &&Arc<LightOctree>| {
+            octree.owes() && octree.photons.generation == photons.generation && octree.voxels.cube == cube
+        };
+        let voxels = match before.filter(is_of_these) {
+            Some(octree) => octree.voxels.clone(),
+            None => Arc::new(Voxels::of(world.accel(), surfaces, cube.clone(), expected, known)),
+        };
         let voxel_seconds = start.elapsed().as_secs_f64();
         let radius_max_m = radius_max_m(&voxels, expected);
         let is_like = |octree: &&Arc<LightOctree>| {

@@ -15,7 +15,8 @@ use super::{
 };
 use crate::technique::{ChangedPhotons, MAPPED, PhotonProduct, SideId};
 
-/// A group may owe its light for a while, if no more photons than this share of it came or went.
+/// A group may owe its light for a while, if no more photons than this share of it came or went: of the number, whatever they carry, which
+/// is up to four times as much where a light's photons are thinned out.
 const OWED_SHARE: f32 = 1.0 / 12.0;
 
 /// The octree before an edit, and where its light is out of date.
