@@ -430,7 +430,7 @@ pub struct Stats {
     pub technique: Technique,
     /// Pixels of the film, width and height.
     pub film_size: [u16; 2],
-    /// Film size ÷ asked size; below 1 while the camera moves on a slow machine.
+    /// Film size ÷ asked size; below 1 while the camera moves, or edits follow each other, on a slow machine.
     pub scale: f32,
     /// When the picture will be how good: the presets, coarse to fine, and the target if it is another. Empty before the
     /// picture has its full size and an error.

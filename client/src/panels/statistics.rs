@@ -57,7 +57,7 @@ fn picture(ui: &mut Ui, model: &Model) {
     fact(
         ui,
         "Film",
-        "Pixels rendered; smaller than the window while the camera moves on a slow machine",
+        "Pixels rendered; smaller than the window while the camera moves, or edits follow each other, on a slow machine",
         scale,
     );
 }

@@ -374,6 +374,7 @@ impl Building {
             nodes,
             sets,
             gathers,
+            owes: owed.iter().any(|owed| *owed != [0; 2]),
             owed,
             walls,
             vdls,

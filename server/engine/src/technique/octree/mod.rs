@@ -160,6 +160,8 @@ pub struct LightOctree {
     gathers: Vec<LeafGather>,
     /// Of each group and class, photons that came or went since and were not looked at, see [`LightOctree::owes`].
     owed: Vec<[u16; 2]>,
+    /// Any is owed: whoever asks whether all is known asks that before every pass.
+    owes: bool,
     /// Walls around groups, in their order, of those that have any.
     walls: Vec<NearWalls>,
     vdls: Vec<Vdl>,
@@ -238,7 +240,7 @@ impl LightOctree {
 
     /// It holds groups whose photons are not all of now: of those few came or went, and what gets much other light after an edit is shown first.
     pub(crate) fn owes(&self) -> bool {
-        self.owed.iter().any(|owed| *owed != [0; 2])
+        self.owes
     }
 
     /// Lights in all cells.
