@@ -118,8 +118,10 @@ struct Lit {
     learner: Learner,
     /// The scene that it knows.
     world: Arc<World>,
-    /// What was edited since then.
+    /// What was edited since then …
     ahead: SceneChange,
+    /// … and led to this scene.
+    newest: Arc<World>,
     /// Of all that became known of any, when this became known; and what the learner calls it.
     generation: u64,
     learner_generation: u64,
@@ -141,6 +143,7 @@ impl Lit {
             learner: learner_of(key, workshop),
             world: world.clone(),
             ahead: SceneChange::default(),
+            newest: world.clone(),
             generation: 0,
             learner_generation: 0,
             seconds,
@@ -155,14 +158,17 @@ impl Lit {
     ///
     /// - `change`: since the scene that it was to be brought to before
     fn follow_edit(&mut self, world: &Arc<World>, change: &SceneChange, workshop: &Workshop) {
+        let has_waiting = !self.ahead.leaves_light_alone();
         self.ahead.join(change);
+        let before = std::mem::replace(&mut self.newest, world.clone());
         if !self.ahead.leaves_light_alone() {
             // Around another origin nothing that is known is of use.
             let is_here = self.world.accel().origin_in_world() == world.accel().origin_in_world();
-            if is_here && self.learner.is_catching_up() {
-                if !change.leaves_light_alone() {
-                    workshop.drawing_pool.install(|| self.learner.fall_behind(&self.world, world));
-                }
+            let waits = is_here && self.learner.is_catching_up();
+            if (waits || has_waiting) && !change.leaves_light_alone() {
+                workshop.drawing_pool.install(|| self.learner.fall_behind(&before, world));
+            }
+            if waits {
                 return;
             }
             let edit = Edit { before: &self.world, after: world, change: &self.ahead };
@@ -285,7 +291,7 @@ impl Lighting {
         let kept = workshop.config.kept_light();
         let refused = match self.lit.get_mut(&key) {
             Some(lit) => {
-                (lit.world, lit.ahead) = (world, SceneChange::default());
+                (lit.world, lit.newest, lit.ahead) = (world.clone(), world, SceneChange::default());
                 let refused = std::mem::replace(&mut lit.learner, learner);
                 match lit.left {
                     // Whoever looks looks with it from the next round on.

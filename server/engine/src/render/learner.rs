@@ -52,9 +52,10 @@ const ROUGH_STEPS_MAX: u32 = 300;
 #[cfg(feature = "gpu")]
 const RECORDS_TOGETHER_ON_CARD: NonZeroUsize = NonZeroUsize::new(1_000).unwrap();
 
-/// Light of before an edit is shown where lights shine so much otherwise at most, beside what all have changed alike: it is off by less
+/// Light of before an edit is shown where that makes lights shine so much otherwise at most, beside what all have changed alike: it is off by less
 /// than a first picture that is path-traced, small and of one sample a pixel, and for no longer than a first octree takes. Beyond, a light
-/// came or went, or falls nowhere near where it fell. See [`crate::transport::change_of_lights`].
+/// came or went, or falls nowhere near where it fell. See [`crate::transport::change_of_lights`]. Edits count one by one: a lamp that is dragged is
+/// seen by light of a moment ago for as long as that takes, and a picture that goes to and fro between that and path tracing looks worse than either.
 const LIGHTS_CHANGE_MAX: f32 = 0.9;
 
 /// Where something is known already, more photons are sent out in times as much time as there was for it.
@@ -100,10 +101,10 @@ pub struct Learner {
     epoch: u64,
     /// What is known is of the scene before an edit, or nothing yet.
     is_stale: bool,
-    /// How much otherwise the lights shine by now than those that it is of, at most; see [`crate::transport::change_of_lights`].
+    /// How much otherwise the lights shine by now than those that it is of, by the edit that changed most; see [`crate::transport::change_of_lights`].
     lights_change: LightsChange,
-    /// And for edits that it has yet to follow.
-    lights_change_ahead: LightsChange,
+    /// And by edits that it has yet to follow, if any.
+    lights_change_ahead: Option<LightsChange>,
     /// Photons and octree were not yet brought to the scene after the last edit, not even roughly.
     is_catching_up: bool,
     /// How often light was gathered for what is shown.
@@ -149,7 +150,7 @@ impl Learner {
             epoch: 0,
             is_stale: true,
             lights_change: LightsChange::NONE,
-            lights_change_ahead: LightsChange::NONE,
+            lights_change_ahead: None,
             is_catching_up: true,
             shown_count: 0,
             shown_records: 0,
@@ -460,7 +461,12 @@ impl Learner {
     /// What is known is of a scene before an edit whose lights shone much otherwise: all of it is wrong, not only what is near the
     /// edit. That of a lamp that was moved or dimmed a little is nearly right.
     pub fn knows_other_lights(&self) -> bool {
-        self.lights_change.then(self.lights_change_ahead).share > LIGHTS_CHANGE_MAX
+        self.lights_change_by_now().share > LIGHTS_CHANGE_MAX
+    }
+
+    /// With edits that it has yet to follow.
+    fn lights_change_by_now(&self) -> LightsChange {
+        self.lights_change_ahead.map_or(self.lights_change, |ahead| self.lights_change.then(ahead))
     }
 
     /// What is known of the light, as far as that goes of the scene with all its edits: where all its lights have changed alike, times as
@@ -468,7 +474,7 @@ impl Learner {
     pub fn known_by_now(&self) -> Option<Arc<dyn SecondaryLight>> {
         let dimmed = match self.knows_other_lights() {
             true => Rgb::WHITE,
-            false => self.lights_change.then(self.lights_change_ahead).dimmed,
+            false => self.lights_change_by_now().dimmed,
         };
         self.known.clone().map(|known| Dimmed::by(dimmed, known))
     }

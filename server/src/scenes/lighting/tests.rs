@@ -86,8 +86,29 @@ fn light_follows_edits_that_do_not_end() {
     };
     until_complete(&mut lit, &next);
     assert!(Arc::ptr_eq(&lit.world, &next) && !lit.learner.knows_other_lights() && lit.known().is_some());
+    // What is dragged is followed by known light, however far it has come by then; what jumps as far is not.
+    let turned = |world: &Arc<World>, blue: f32| {
+        let mut builder = SceneBuilder::from_scene(world.scene(), SceneLimits::default());
+        let lamp = Material::emitter(Rgb::new(10.8, 10.8, 10.8 * blue));
+        builder.set_material(Id::new("lamp").unwrap(), lamp).unwrap();
+        let (scene, change) = builder.finish();
+        (Arc::new(world.update(Arc::new(scene), &change)), change)
+    };
+    let (mut next, change) = turned(&next, 0.9);
+    lit.follow_edit(&next, &change, &workshop);
+    for blue in [0.5, 0.25, 0.125, 0.0625] {
+        let (later, change) = turned(&next, blue);
+        lit.follow_edit(&later, &change, &workshop);
+        assert!(!Arc::ptr_eq(&lit.world, &later) && lit.known().is_some(), "{blue}");
+        next = later;
+    }
+    let (later, change) = turned(&next, 1.0);
+    lit.follow_edit(&later, &change, &workshop);
+    assert!(!Arc::ptr_eq(&lit.world, &later) && lit.known().is_none());
+    let next = later;
+    until_complete(&mut lit, &next);
     // Around another origin nothing waits.
-    let (first, change) = edited(&next, 10.8);
+    let (first, change) = edited(&next, 10.4);
     lit.follow_edit(&first, &change, &workshop);
     assert!(lit.learner.is_catching_up());
     let mut builder = SceneBuilder::from_scene(first.scene(), SceneLimits::default());

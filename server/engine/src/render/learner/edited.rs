@@ -27,12 +27,12 @@ impl Learner {
         let is_unknown = illumination.stage() != Stage::Complete;
         self.is_stale |= is_unknown;
         self.is_catching_up = is_unknown;
-        self.lights_change_ahead = LightsChange::NONE;
+        let ahead = self.lights_change_ahead.take();
         if !is_unknown {
             self.lights_change = LightsChange::NONE;
         } else if !self.knows_other_lights() {
-            // Small steps add up until light is known again.
-            self.lights_change = self.lights_change.then(change_of_lights(edit.before, edit.after));
+            let change = ahead.unwrap_or_else(|| change_of_lights(edit.before, edit.after));
+            self.lights_change = self.lights_change.then(change);
         }
         if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
             records.apply(edit);
@@ -56,10 +56,11 @@ impl Learner {
         self.is_catching_up && self.illumination.as_ref().is_some_and(is_under_way)
     }
 
-    /// What is known falls behind by an edit that [`Learner::apply`] is told of later, or by several: all since the last that it was
-    /// told of.
+    /// What is known falls behind by an edit that [`Learner::apply`] is told of later together with others: each of them is told here, one
+    /// after the other.
     pub fn fall_behind(&mut self, before: &World, after: &World) {
-        self.lights_change_ahead = change_of_lights(before, after);
+        let change = change_of_lights(before, after);
+        self.lights_change_ahead = Some(self.lights_change_ahead.map_or(change, |ahead| ahead.then(change)));
     }
 
     /// Shows the records that an edit left.

@@ -1,7 +1,7 @@
 //! Laws of the rounds in which light is learnt, and of what is known between them.
 
 use super::*;
-use crate::accel::Ray;
+use crate::{accel::Ray, transport::change_of_lights};
 use std::time::{Duration, Instant};
 
 /// The rounds of a scene's illumination begin again where an edit changes much and go on where it changes little; what is
@@ -371,8 +371,8 @@ fn octrees_are_foreseen() {
     }
 }
 
-/// Light of before is told from light of now by how much otherwise the lights shine, all edits since it was known together; and where
-/// all have changed alike it is shown as much brighter or darker, which is right.
+/// Light of before is told from light of now by how much otherwise any one edit made the lights shine, however many there were of less; and
+/// where all have changed alike it is shown as much brighter or darker, which is right.
 #[test]
 fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
     let start = Arc::new(box_under_lamp(0.5, 0.5));
@@ -425,11 +425,18 @@ fn light_of_before_counts_as_long_as_lights_shine_about_the_same() {
     let (is_other, now) = lamp(&mut learner, 0.0, Rgb::WHITE);
     assert!(is_other);
     until_known(&mut learner, &now);
-    // A little aside each time, and then out of the room.
-    for aside_m in [0.1, 0.2] {
-        assert!(!lamp(&mut learner, aside_m, Rgb::WHITE).0);
+    // A little aside each time, to and fro, and then out of the room.
+    let mut last = now;
+    let mut share = 0.0;
+    for aside_m in [0.1, 0.2, 0.3, 0.2, 0.1, 0.0, -0.1, -0.2, -0.3, -0.2, -0.1, 0.0] {
+        let (is_other, next) = lamp(&mut learner, aside_m, Rgb::WHITE);
+        assert!(!is_other);
+        share += change_of_lights(&last, &next).share;
+        last = next;
     }
+    assert!(share > 1.0, "{share}: nothing that would ever add up");
     assert!(lamp(&mut learner, 20.0, Rgb::WHITE).0);
+    assert!(lamp(&mut learner, 20.1, Rgb::WHITE).0, "until it is known");
 }
 
 /// An edit between two rounds leaves nothing of the scene before: neither light nor how many photons are sent out.

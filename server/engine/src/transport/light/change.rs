@@ -37,12 +37,13 @@ impl LightsChange {
     /// Other lights.
     const ALL: LightsChange = LightsChange { dimmed: Rgb::WHITE, share: 1.0 };
 
-    /// This change and another after it, at most.
+    /// This change and another after it. How much otherwise lights shine beside what all have changed alike is that of the greater: what follows
+    /// small steps is behind by few of them.
     pub(crate) fn then(self, later: LightsChange) -> LightsChange {
         let dimmed = self.dimmed * later.dimmed;
         // Beyond what numbers hold nothing is known of the light.
         if dimmed.is_finite() {
-            LightsChange { dimmed, share: self.share + later.share }
+            LightsChange { dimmed, share: self.share.max(later.share) }
         } else {
             LightsChange::ALL
         }
@@ -304,9 +305,9 @@ mod tests {
     fn dimmings_beyond_numbers_are_other_lights() {
         let by = |times: f32| LightsChange { dimmed: Rgb::new(times, 1.0, 1.0), share: 0.1 };
         let twice = by(0.5).then(by(1e20));
-        assert_eq!((twice.dimmed.r, twice.share), (5e19, 0.2));
+        assert_eq!((twice.dimmed.r, twice.share), (5e19, 0.1));
         assert_eq!(by(1e20).then(by(1e20)), LightsChange::ALL);
-        assert_eq!(by(1e20).then(by(1e20)).then(by(0.0)).share, 1.1);
+        assert_eq!(by(1e20).then(by(1e20)).then(by(0.0)).share, 1.0);
     }
 
     /// Lights that all change alike are what they were times something, to black; where one changes otherwise, or not at all, or out of
