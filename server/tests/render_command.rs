@@ -110,6 +110,7 @@ fn learnt_pictures_depend_on_no_clock_and_no_threads() {
         assert_eq!(code, Some(0), "{stderr}");
         let facts: serde_json::Value = serde_json::from_str(&stdout).unwrap();
         assert_eq!((&facts["samples_per_pixel"], &facts["technique"]), (&2.into(), &technique.into()));
+        assert_eq!(facts["path_traced"], 0.0);
         assert!(facts["counts"]["voxels"].as_u64().unwrap() > 1000, "{facts}");
         assert_eq!(facts["counts"]["records"].as_u64().unwrap() > 0, technique == "irradiance");
         std::fs::read(folder.path().join(format!("{threads}.exr"))).unwrap()

@@ -1,10 +1,10 @@
 //! `lumicast info`: what a scene holds, what was odd about it, and which effects it calls for.
 
-use std::fmt::Write as _;
+use std::{collections::BTreeSet, fmt::Write as _};
 
 use lumicast_engine::{
     effects::EffectPlan,
-    scene::{Environment, Projection, Scene},
+    scene::{Environment, Id, LightKind, Projection, Scene},
 };
 use serde::Serialize;
 
@@ -18,12 +18,16 @@ pub struct InfoArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    /// List nodes, materials and lights too, by the ids that edits call them by
+    #[arg(long)]
+    pub ids: bool,
 }
 
 /// Prints the facts of a scene.
 pub fn run(args: InfoArgs) -> Result<(), CliError> {
     let loaded = args.scene.load()?;
-    let facts = SceneInfo::of(&args.scene.to_string(), &loaded.scene, loaded.load_seconds);
+    let mut facts = SceneInfo::of(&args.scene.to_string(), &loaded.scene, loaded.load_seconds);
+    facts.ids = args.ids.then(|| Ids::of(&loaded.scene));
     if !args.json {
         return print_line(facts.text().trim_end());
     }
@@ -53,6 +57,32 @@ pub struct SceneInfo {
     bytes: Bytes,
     effects: Vec<EffectInfo>,
     warnings: Vec<WarningInfo>,
+    /// Where they were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ids: Option<Ids>,
+}
+
+/// What edits can name beside cameras.
+#[derive(Clone, Debug, Serialize)]
+struct Ids {
+    nodes: Vec<NodeInfo>,
+    materials: Vec<String>,
+    lights: Vec<LightInfo>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct NodeInfo {
+    id: String,
+    parent: Option<String>,
+    mesh: Option<String>,
+    /// Of the mesh.
+    materials: Vec<String>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct LightInfo {
+    id: String,
+    kind: &'static str,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -156,6 +186,7 @@ impl SceneInfo {
                     message: warning.message.clone(),
                 })
                 .collect(),
+            ids: None,
         }
     }
 
@@ -198,7 +229,56 @@ impl SceneInfo {
         for warning in &self.warnings {
             line("warning", format!("{}: {}", warning.object, warning.message));
         }
+        if let Some(Ids { nodes, materials, lights }) = &self.ids {
+            nodes.iter().for_each(|node| line("node", node.text()));
+            materials.iter().for_each(|id| line("material", id.clone()));
+            lights.iter().for_each(|light| line("light", format!("{} ({})", light.id, light.kind)));
+        }
         text
+    }
+}
+
+impl Ids {
+    fn of(scene: &Scene) -> Ids {
+        let name = |id: &Id| id.as_str().to_owned();
+        let materials_of = |mesh: &Id| {
+            let primitives = scene.meshes().get(mesh).map_or(&[][..], |mesh| mesh.primitives());
+            let ids: BTreeSet<&str> =
+                primitives.iter().map(|primitive| primitive.material.as_str()).collect();
+            ids.into_iter().map(String::from).collect()
+        };
+        let nodes = scene.nodes().iter().map(|(id, node)| NodeInfo {
+            id: name(id),
+            parent: node.parent.as_ref().map(name),
+            mesh: node.mesh.as_ref().map(name),
+            materials: node.mesh.as_ref().map(materials_of).unwrap_or_default(),
+        });
+        let lights = scene.lights().iter().map(|(id, light)| LightInfo {
+            id: name(id),
+            kind: match light.kind {
+                LightKind::Point { .. } => "point",
+                LightKind::Spot { .. } => "spot",
+                LightKind::Directional { .. } => "directional",
+            },
+        });
+        Ids {
+            nodes: nodes.collect(),
+            materials: scene.materials().keys().map(name).collect(),
+            lights: lights.collect(),
+        }
+    }
+}
+
+impl NodeInfo {
+    /// Its id, what it hangs on and what it shows.
+    fn text(&self) -> String {
+        let mut facts: Vec<String> = self.parent.iter().map(|parent| format!("on {parent}")).collect();
+        match (&self.mesh, self.materials.is_empty()) {
+            (Some(mesh), true) => facts.push(format!("mesh {mesh}")),
+            (Some(mesh), false) => facts.push(format!("mesh {mesh} of {}", self.materials.join(", "))),
+            (None, _) => facts.push("no mesh".into()),
+        }
+        format!("{} ({})", self.id, facts.join("; "))
     }
 }
 
@@ -241,5 +321,23 @@ mod tests {
         for part in ["camera       corner (perspective, 320×180)", "effect       on  glass", "2 emissive"] {
             assert!(text.contains(part), "{part:?} is missing from\n{text}");
         }
+        assert!(json.get("ids").is_none() && !text.contains("\nnode "), "{text}");
+    }
+
+    /// Whoever writes an edit finds what it can name.
+    #[test]
+    fn ids_are_listed_where_they_are_asked_for() {
+        let scene = samples::cornell_box().unwrap();
+        let info =
+            SceneInfo { ids: Some(Ids::of(&scene)), ..SceneInfo::of("builtin:cornell-box", &scene, 0.0) };
+        let json = serde_json::to_value(&info).unwrap();
+        let listed = |kind: &str| json["ids"][kind].as_array().unwrap().len();
+        assert_eq!(listed("nodes"), scene.nodes().len());
+        assert_eq!([listed("materials"), listed("lights")], [scene.materials().len(), scene.lights().len()]);
+        let text = info.text();
+        for id in scene.nodes().keys() {
+            assert!(text.contains(&format!("node         {} (mesh ", id.as_str())), "{id:?} in\n{text}");
+        }
+        assert!(text.contains("material     lamp\n"), "{text}");
     }
 }

@@ -390,6 +390,7 @@ impl<'a> Job<'a> {
             out: self.args.out.display().to_string(),
             indirect: self.args.indirect.name(),
             technique: rendering.technique_name(&picture),
+            path_traced: rendering.path_traced_share(&picture),
             backend: if rendering.gpu_work() > 0 { "gpu" } else { "cpu" },
             adapter: self.drawn_on.adapter().map(|report| report.name),
             threads: self.pool.current_num_threads(),

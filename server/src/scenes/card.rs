@@ -11,7 +11,7 @@ use super::{Snapshot, Workshop, lock};
 use crate::config::Config;
 use crate::graphics;
 use lumicast_engine::effects::EffectKind;
-use lumicast_engine::gpu::{AdapterChoice, Gpu, GpuError};
+use lumicast_engine::gpu::{AdapterChoice, AdapterKind, Gpu, GpuError};
 use lumicast_engine::render::{Backend, Rendering};
 use lumicast_engine::technique::path::{GpuScene, Shading};
 use lumicast_engine::transport::World;
@@ -58,7 +58,11 @@ impl Card {
         match &gpu {
             Some(gpu) => {
                 let report = gpu.report();
-                tracing::info!(adapter = report.name, kind = %report.kind, api = report.api, "drawing on a graphics card");
+                let on = match report.kind {
+                    AdapterKind::Software => "drawing by a graphics driver that computes on the CPU",
+                    _ => "drawing on a graphics card",
+                };
+                tracing::info!(adapter = report.name, kind = %report.kind, api = report.api, "{on}");
             }
             None => tracing::info!("drawing on the CPU"),
         }

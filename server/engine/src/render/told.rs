@@ -72,12 +72,15 @@ impl Rendering {
         std::iter::once(&self.film).chain(&self.traced)
     }
 
+    /// Share of path tracing in a picture that [`Rendering::picture`] returned, mean over its pixels.
+    pub fn path_traced_share(&self, picture: &Picture<'_>) -> f64 {
+        let is_path = self.looked_up_name() == "path";
+        if is_path { 1.0 } else { picture.traced_share() }
+    }
+
     /// Name of what a picture that [`Rendering::picture`] returned is made by.
     pub fn technique_name(&self, picture: &Picture<'_>) -> &'static str {
-        let looked_up = match &self.caustics {
-            Some(_) if self.learnt.is_none() => "caustics",
-            _ => self.technique.card().name,
-        };
+        let looked_up = self.looked_up_name();
         match (picture.traced_share(), looked_up) {
             (share, _) if share < SHARE_SHOWN => looked_up,
             (share, _) if share > 1.0 - SHARE_SHOWN => "path",
@@ -85,6 +88,14 @@ impl Rendering {
             (_, "irradiance") => "irradiance+path",
             (_, "caustics") => "caustics+path",
             (_, _) => "path",
+        }
+    }
+
+    /// What its first film is made by.
+    fn looked_up_name(&self) -> &'static str {
+        match &self.caustics {
+            Some(_) if self.learnt.is_none() => "caustics",
+            _ => self.technique.card().name,
         }
     }
 }

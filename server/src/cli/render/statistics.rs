@@ -29,6 +29,8 @@ pub(super) struct Statistics {
     pub(super) indirect: &'static str,
     /// Technique of the light in the picture.
     pub(super) technique: &'static str,
+    /// Share of path tracing in what is seen, mean over the pixels; 1 for what is path-traced alone.
+    pub(super) path_traced: f64,
     /// Where light was computed.
     pub(super) backend: &'static str,
     /// Graphics adapter; nothing on the CPU.
@@ -289,16 +291,24 @@ impl Statistics {
             seconds => format!(", {seconds:.2} s to compile shaders"),
         };
         format!(
-            "{}: {}×{}, {} samples per pixel, {error}, {:.2} s (and {:.2} s to load{shaders}), {:.2} M rays/s, stopped by {}",
+            "{}: {}×{} by {}, {} samples per pixel, {error}, {:.2} s (and {:.2} s to load{shaders}), {:.2} M rays/s, stopped by {}",
             self.out,
             self.size[0],
             self.size[1],
+            self.made_by(),
             self.samples_per_pixel,
             self.seconds.total - self.seconds.load - self.seconds.shaders,
             self.seconds.load,
             self.counts.rays as f64 / self.seconds.of_rays().max(1e-9) / 1e6,
             self.stopped_by,
         )
+    }
+
+    /// The technique, and how much of a blend is path-traced.
+    fn made_by(&self) -> String {
+        let is_blend = self.technique.contains('+');
+        let share = is_blend.then(|| format!(" ({:.0} % path-traced)", self.path_traced * 100.0));
+        format!("{}{}", self.technique, share.unwrap_or_default())
     }
 }
 

@@ -77,6 +77,7 @@ fn statistics_have_every_key() {
         assert_eq!(stats[group][key].as_f64(), Some(0.0), "{group}.{key}");
     }
     assert_eq!((&stats["threads"], &stats["samples_per_pixel"]), (&2.into(), &2.into()));
+    assert_eq!((&stats["technique"], stats["path_traced"].as_f64()), (&"path".into(), Some(1.0)));
     assert_eq!(
         (stats["counts"]["paths"].as_u64(), stats["stopped_by"].as_str()),
         (Some(800), Some("samples"))
