@@ -48,7 +48,7 @@ impl Rendering {
         let settings = PathSettings { seed, knows_openings: self.is_guided(), ..all };
         let hidden = measuring.hidden.as_ref().map(|_| {
             let settings = RenderSettings { seed, ..self.settings };
-            HiddenHalves::new(HiddenLight::new(&settings, self.size(), HiddenFor::Measure))
+            HiddenHalves::new(HiddenLight::new(&settings, (self.view, self.size()), HiddenFor::Measure))
         });
         let mut afresh = Measuring::new(settings, self.size(), self.settings.measuring, hidden);
         let image = self.own_picture().radiance();

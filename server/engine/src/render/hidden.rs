@@ -12,6 +12,7 @@ use crate::{
     technique::{
         FocusedLight, Products, Progress,
         caustics::{CausticLight, CausticReport, CausticSettings, Caustics},
+        path::View,
     },
     transport::World,
 };
@@ -37,10 +38,15 @@ pub(super) struct HiddenLight {
 
 impl HiddenLight {
     /// No map yet.
-    pub(super) fn new(settings: &RenderSettings, size: PictureSize, what_for: HiddenFor) -> HiddenLight {
+    pub(super) fn new(
+        settings: &RenderSettings,
+        (view, size): (View, PictureSize),
+        what_for: HiddenFor,
+    ) -> HiddenLight {
         let seed = sobol::mix(settings.seed ^ (0x6869_6464_656e_0000 + what_for as u64));
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, seed);
-        let caustics = Caustics::new(CausticSettings { light: CausticLight::Hidden, ..of });
+        let caustics =
+            Caustics::new(CausticSettings { light: CausticLight::Hidden, seen_by: Some(view), ..of });
         HiddenLight { caustics }
     }
 

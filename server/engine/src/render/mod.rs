@@ -229,9 +229,11 @@ impl Rendering {
     ) -> Rendering {
         let learnt = settings.learns(plan);
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
+        let seen_by = View::new(&world, &view, size);
+        let of = CausticSettings { seen_by: Some(seen_by), ..of };
         let caustics = settings.focuses(plan).then(|| Caustics::new(of));
         let brings_hidden = settings.brings_hidden(plan);
-        let hidden = |what_for| brings_hidden.then(|| HiddenLight::new(&settings, size, what_for));
+        let hidden = |what_for| brings_hidden.then(|| HiddenLight::new(&settings, (seen_by, size), what_for));
         // What is sampled alone says by its two halves how far off it is.
         let all = settings.effects.shown();
         let looked_up = if plan.is_on(EffectKind::Caustics) { all } else { all.without(PathClass::Caustic) };

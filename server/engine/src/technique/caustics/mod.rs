@@ -24,6 +24,7 @@ mod targets;
 #[cfg(test)]
 mod tests;
 mod upload;
+mod worth;
 
 use std::{
     ops::Range,
@@ -45,6 +46,7 @@ use self::{
 use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique};
 use crate::{
     math::sobol,
+    technique::path::View,
     transport::{Aim, PathClass, Source, World},
 };
 
@@ -64,7 +66,7 @@ pub struct CausticSettings {
     /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does, or as rough coats send on,
     /// but for those of a sketch.
     pub photons_per_pass: u32,
-    /// Photons of a pass at most.
+    /// Photons of a pass at most; twice as many where they are spent on what is seen (`worth.rs`).
     pub photons_max: u32,
     /// Most surfaces that a photon reaches; `None`: no bound.
     pub bounces_max: Option<u32>,
@@ -72,6 +74,8 @@ pub struct CausticSettings {
     pub seed: u64,
     /// Which light is followed.
     pub light: CausticLight,
+    /// The picture that it is for: photons are spent on what shows there. `None`: any.
+    pub seen_by: Option<View>,
 }
 
 impl CausticSettings {
@@ -84,18 +88,26 @@ impl CausticSettings {
             bounces_max,
             seed,
             light: CausticLight::All,
+            seen_by: None,
         }
     }
 
     /// For first pictures by [`CausticSketch`].
     pub fn for_sketch(bounces_max: Option<u32>, seed: u64) -> CausticSettings {
         let (photons_per_pass, photons_max) = (u32::MAX, SKETCH_PHOTONS);
-        CausticSettings { photons_per_pass, photons_max, bounces_max, seed, light: CausticLight::All }
+        CausticSettings {
+            photons_per_pass,
+            photons_max,
+            bounces_max,
+            seed,
+            light: CausticLight::All,
+            seen_by: None,
+        }
     }
 
     /// Memory of a map with as many photons as there may be, where they show on a surface or two.
     pub fn bytes_max(&self) -> usize {
-        self.photons_max as usize * BYTES_PER_PHOTON
+        2 * self.photons_max as usize * BYTES_PER_PHOTON
     }
 }
 
@@ -159,7 +171,8 @@ struct Pass {
 /// What photons start from.
 #[derive(Debug)]
 struct Emission {
-    aim: Aim,
+    /// Radius of the smallest sphere that photons are aimed at, m.
+    least_extent_m: f32,
     /// Lights that may reach something specular.
     lights: Vec<AimedLight>,
 }
@@ -168,6 +181,8 @@ struct Emission {
 #[derive(Debug)]
 struct AimedLight {
     source: Source,
+    /// What its photons are aimed at.
+    aim: Aim,
     key: u64,
     photon_count: f64,
 }
@@ -241,7 +256,7 @@ impl Caustics {
                 Pass { number, jobs: emission.jobs(number), photons: Vec::new(), corrected: None, map: None }
             }
         };
-        let tracer = CausticTracer { world, aim: &emission.aim, settings: &self.settings };
+        let tracer = CausticTracer { world, settings: &self.settings };
         let mut counts = Counts::default();
         while !pass.jobs.is_empty() && !cancel.load(Ordering::Relaxed) {
             let batch = photons::take(&mut pass.jobs, BATCH);
@@ -293,7 +308,7 @@ impl Caustics {
     fn learn_radii(&mut self, photons: &[CausticPhoton]) {
         let Some(collected) = &mut self.collected else { return };
         collected.extend_from_slice(photons);
-        let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m());
+        let least_m = self.emission.as_ref().map_or(0.0, |emission| emission.least_extent_m);
         self.pilot = Some(Arc::new(Pilot::of(collected, least_m)));
         if collected.len() >= PILOT_PHOTONS {
             self.collected = None;
@@ -332,11 +347,16 @@ impl Emission {
         let few_w = (aimed_w / f64::from(SKETCH_PHOTONS)).max(photon_w);
         let photon_w = (photon_w / share).min(few_w);
         let lights = aimed.into_iter().map(|(source, power_w)| AimedLight {
+            aim: aim.clone(),
             key: photons::key_of(settings.seed, source.name()),
             photon_count: power_w / photon_w,
             source,
         });
-        Emission { lights: lights.filter(|light| light.photon_count > 0.0).collect(), aim }
+        let mut lights: Vec<AimedLight> = lights.filter(|light| light.photon_count > 0.0).collect();
+        worth::weigh(world, settings, &mut lights);
+        // Blurs of what one sphere alone focuses are measured by it.
+        let least_extent_m = aim.spheres.iter().map(|sphere| sphere.radius_m).fold(f32::INFINITY, f32::min);
+        Emission { least_extent_m, lights }
     }
 
     /// Everything to be followed in a pass. Even and odd passes draw from sequences of their own: the two halves of a film must
@@ -347,11 +367,6 @@ impl Emission {
             (!numbers.is_empty()).then_some(Job { light, half: pass & 1, numbers })
         };
         self.lights.iter().enumerate().rev().filter_map(of_light).collect()
-    }
-
-    /// Blurs of what one sphere alone focuses are measured by it.
-    fn least_extent_m(&self) -> f32 {
-        self.aim.spheres.iter().map(|sphere| sphere.radius_m).fold(f32::INFINITY, f32::min)
     }
 }
 
@@ -384,7 +399,7 @@ pub fn photons_of_a_pass(world: &World, settings: &CausticSettings) -> Vec<Caust
 
 fn first_pass(world: &World, settings: &CausticSettings) -> (Vec<CausticPhoton>, Traced) {
     let emission = Emission::of(world, settings);
-    let tracer = CausticTracer { world, aim: &emission.aim, settings };
+    let tracer = CausticTracer { world, settings };
     let mut photons = Vec::new();
     let traced = tracer.trace_all(&emission.lights, &emission.jobs(0), &mut photons);
     (photons, traced)

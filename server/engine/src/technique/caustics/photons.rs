@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton, pilot::Sheet};
 use crate::{
-    math::sobol,
-    transport::{Aim, EmissionNumbers, Flight, SourceName, Surface, World},
+    accel::Ray,
+    math::{Rgb, sobol},
+    transport::{EmissionNumbers, Flight, SourceName, Surface, World},
 };
 
 /// Share of what it began with that a photon carries until roulette may end it: a coat of varnish sends on a twentieth, and
@@ -25,7 +26,6 @@ const GOLDEN_RATIO: f32 = 0.618_034;
 #[derive(Clone, Copy)]
 pub(super) struct CausticTracer<'a> {
     pub(super) world: &'a World,
-    pub(super) aim: &'a Aim,
     pub(super) settings: &'a CausticSettings,
 }
 
@@ -39,6 +39,19 @@ pub(super) fn key_of(seed: u64, name: &SourceName) -> u64 {
     let begin = sobol::mix(seed ^ 0x6361_7573_7469_6373);
     let letters = id.bytes().fold(begin, |key, letter| sobol::mix(key ^ u64::from(letter)));
     sobol::mix(letters ^ part) << 1
+}
+
+/// Four numbers of a photon, for what it does as `set`.
+fn four(key: u64, set: u32, number: u32) -> [f32; 4] {
+    sobol::point(key.wrapping_add(u64::from(set) << 1), number)
+}
+
+/// The numbers by which a photon leaves its light.
+///
+/// - `key`: of its sequence
+pub(super) fn emission_of(key: u64, number: u32) -> EmissionNumbers {
+    let ([u, v, s, t], [side, ..]) = (four(key, 0, number), four(key, 1, number));
+    EmissionNumbers { direction: [u, v], position: [s, t], side }
 }
 
 /// Photons of one light that are to be followed.
@@ -110,11 +123,25 @@ impl CausticTracer<'_> {
 
     fn trace(&self, light: &AimedLight, half: u32, number: u32, photons: &mut Vec<CausticPhoton>) -> u64 {
         let key = light.key ^ u64::from(half);
-        let four = |set: u32| sobol::point(key.wrapping_add(u64::from(set) << 1), number);
-        let ([u, v, s, t], [side, chance, ..]) = (four(0), four(1));
-        let numbers = EmissionNumbers { direction: [u, v], position: [s, t], side };
-        let Some(emitted) = self.world.emit_at(&light.source, self.aim, &numbers) else { return 0 };
-        let mut flight = Flight::begin(emitted.ray, emitted.flux_w * (1.0 / light.photon_count) as f32);
+        let numbers = emission_of(key, number);
+        let Some(emitted) = self.world.emit_at(&light.source, &light.aim, &numbers) else { return 0 };
+        let flux_w = emitted.flux_w * (1.0 / light.photon_count) as f32;
+        self.follow((emitted.ray, flux_w), (key, number), photons)
+    }
+
+    /// Follows one photon and adds what falls on surfaces that show it. Returns how many rays that took.
+    ///
+    /// - `begin`: its first ray, and what it carries, W
+    /// - `named`: its sequence and its number in it
+    pub(super) fn follow(
+        &self,
+        begin: (Ray, Rgb),
+        named: (u64, u32),
+        photons: &mut Vec<CausticPhoton>,
+    ) -> u64 {
+        let four = |set: u32| four(named.0, set, named.1);
+        let [_, chance, ..] = four(1);
+        let mut flight = Flight::begin(begin.0, begin.1);
         let faint = ROULETTE_SHARE * flight.weight.luminance();
         let bounces_end = self.settings.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END);
         let mut shown_count = 0;
@@ -167,7 +194,7 @@ pub(super) fn is_shown_on(surface: &Surface) -> bool {
 }
 
 /// The true normal on the side of a direction.
-fn facing(surface: &Surface, direction: Vec3) -> Vec3 {
+pub(super) fn facing(surface: &Surface, direction: Vec3) -> Vec3 {
     let n_geo = surface.point.n_geo;
     if direction.dot(n_geo) > 0.0 { n_geo } else { -n_geo }
 }

@@ -87,5 +87,6 @@ fn sphere_of(bounds: &Bounds) -> Sphere {
     let middle = (bounds.min + bounds.max) * 0.5;
     let reach = (bounds.max - bounds.min).length() * 0.5;
     // Half the diagonal, and what single precision may be off by that far from the origin.
-    Sphere { middle, radius_m: reach * (1.0 + ROOM) + middle.abs().max_element() * 4.0 * f32::EPSILON }
+    let radius_m = reach * (1.0 + ROOM) + middle.abs().max_element() * 4.0 * f32::EPSILON;
+    Sphere { middle, radius_m, weight: 1.0 }
 }

@@ -91,6 +91,12 @@ impl View {
         Some([0.5 * (1.0 + across) * width, 0.5 * (1.0 - upwards) * height])
     }
 
+    /// Whether a place that [`View::project`] tells lies in the picture.
+    pub(crate) fn holds(&self, [x, y]: [f32; 2]) -> bool {
+        let [width, height] = [self.size.width(), self.size.height()].map(|count| count as f32);
+        (0.0..width).contains(&x) && (0.0..height).contains(&y)
+    }
+
     /// First and last pixel of the rectangle in which a sphere shows, cut off at the borders of the picture; `None` where it does not.
     /// Nothing of it shows outside [Mara2013]; all of the picture where the eye is inside it.
     pub fn pixels_of_sphere(&self, centre: Vec3, radius_m: f32) -> Option<[[u32; 2]; 2]> {

@@ -2,8 +2,8 @@
 //! [Jensen1996; Larsen2004, 12.1].
 //!
 //! A photon is drawn towards one of the spheres by its solid angle (for light from infinitely far: by the area of its disc)
-//! and weighed by the density of all of them together, so that spheres may overlap. A light that stands inside a sphere
-//! sends half of its photons anywhere. **Unbiased** for all flux that reaches a sphere straight from the light.
+//! times a weight, and weighed by the density of all of them together, so that spheres may overlap. A light that stands inside
+//! a sphere sends half of its photons anywhere. **Unbiased** for all flux that reaches a sphere straight from the light.
 
 use std::f32::consts::{PI, TAU};
 
@@ -23,6 +23,8 @@ pub struct Sphere {
     pub middle: Vec3,
     /// Its radius, m.
     pub radius_m: f32,
+    /// How often it is drawn beside others of its size, in (0, 1].
+    pub weight: f32,
 }
 
 /// What photons are aimed at.
@@ -45,14 +47,14 @@ pub struct AimedPhoton {
 struct Aimed {
     direction: Vec3,
     shares: Shares,
-    /// How many spheres lie there.
-    count: u32,
+    /// Sum of the weights of the spheres that lie there.
+    held: f32,
 }
 
 impl Aimed {
     /// Density of the direction where going anywhere has the density `blind`, 1/sr.
     fn density(&self, blind: f32) -> f32 {
-        self.shares.density(self.count, blind)
+        self.shares.density(self.held, blind)
     }
 }
 
@@ -60,7 +62,7 @@ impl Aimed {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Shares {
     anywhere: f32,
-    /// Sum of the sizes of the spheres: solid angles, or areas.
+    /// Sum of the sizes of the spheres, solid angles or areas, times their weights.
     size: f32,
 }
 
@@ -77,9 +79,9 @@ impl Shares {
         Shares { anywhere, size }
     }
 
-    /// Density of drawing what `count` spheres hold and anywhere has with the density `blind`.
-    fn density(self, count: u32, blind: f32) -> f32 {
-        let aimed = if count == 0 { 0.0 } else { count as f32 / self.size };
+    /// Density of drawing what spheres of so much weight hold and anywhere has with the density `blind`.
+    fn density(self, held: f32, blind: f32) -> f32 {
+        let aimed = if held == 0.0 { 0.0 } else { held / self.size };
         self.anywhere * blind + (1.0 - self.anywhere) * aimed
     }
 }
@@ -111,6 +113,8 @@ struct Cone {
     axis: Vec3,
     sin2: f32,
     solid_angle_sr: f32,
+    /// Of the sphere.
+    weight: f32,
 }
 
 impl Sphere {
@@ -120,16 +124,32 @@ impl Sphere {
         let sin2 = self.radius_m * self.radius_m / away.length_squared();
         // 1 − cos without cancellation.
         let open = sin2 / (1.0 + (1.0 - sin2).max(0.0).sqrt());
-        (sin2 < 1.0).then(|| Cone { axis: away.normalize_or(Vec3::Z), sin2, solid_angle_sr: TAU * open })
+        let solid_angle_sr = TAU * open;
+        let weight = self.weight;
+        (sin2 < 1.0).then(|| Cone { axis: away.normalize_or(Vec3::Z), sin2, solid_angle_sr, weight })
     }
 
-    /// Area of its disc, m².
-    fn disc_m2(&self) -> f32 {
-        PI * self.radius_m * self.radius_m
+    /// Whether a ray goes through it.
+    pub(crate) fn is_met_by(&self, ray: &Ray) -> bool {
+        let direction = ray.direction.normalize();
+        let to = self.middle - ray.origin;
+        let along = to.dot(direction);
+        let beside = (to - direction * along).length_squared();
+        let r2 = self.radius_m * self.radius_m;
+        beside <= r2 && (along >= 0.0 || to.length_squared() <= r2)
+    }
+
+    /// Area of its disc, m², times its weight.
+    fn weighted_disc_m2(&self) -> f32 {
+        PI * self.radius_m * self.radius_m * self.weight
     }
 }
 
 impl Cone {
+    fn weighted_sr(&self) -> f32 {
+        self.solid_angle_sr * self.weight
+    }
+
     fn holds(&self, direction: Vec3) -> bool {
         direction.dot(self.axis) > 0.0 && direction.cross(self.axis).length_squared() <= self.sin2
     }
@@ -155,31 +175,31 @@ impl Aim {
         anywhere: impl FnOnce([f32; 2]) -> Vec3,
     ) -> Option<Aimed> {
         let cones = || self.spheres.iter().map(|sphere| sphere.seen_from(p));
-        let size = cones().flatten().map(|cone| cone.solid_angle_sr).sum::<f32>();
+        let size = cones().flatten().map(|cone| cone.weighted_sr()).sum::<f32>();
         let shares = Shares::of(size, cones().any(|cone| cone.is_none()), whole_sr);
         let (is_anywhere, rest) = choose(u[0], shares.anywhere);
         if is_anywhere {
             let direction = anywhere([rest, u[1]]);
-            let count = cones().flatten().filter(|cone| cone.holds(direction)).count() as u32;
-            return Some(Aimed { direction, shares, count });
+            let held = cones().flatten().filter(|cone| cone.holds(direction)).map(|cone| cone.weight).sum();
+            return Some(Aimed { direction, shares, held });
         }
-        let (chosen, u0) = choose_by_size(cones().flatten().map(|cone| cone.solid_angle_sr), rest * size)?;
+        let (chosen, u0) = choose_by_size(cones().flatten().map(|cone| cone.weighted_sr()), rest * size)?;
         let cone = cones().flatten().nth(chosen)?;
         let direction = cone.draw([u0, u[1]]);
         // The one it was drawn for holds it, whatever rounding says.
         let others = cones().flatten().enumerate();
-        let count =
-            1 + others.filter(|(index, cone)| *index != chosen && cone.holds(direction)).count() as u32;
-        Some(Aimed { direction, shares, count })
+        let others = others.filter(|(index, other)| *index != chosen && other.holds(direction));
+        let held = cone.weight + others.map(|(_, other)| other.weight).sum::<f32>();
+        Some(Aimed { direction, shares, held })
     }
 
     /// Where a photon that comes along `across` from far away starts, and 1 / its density, m².
     fn start(&self, across: &Across, u: [f32; 2]) -> Option<(Vec3, f32)> {
-        let size = self.spheres.iter().map(Sphere::disc_m2).sum::<f32>();
+        let size = self.spheres.iter().map(Sphere::weighted_disc_m2).sum::<f32>();
         if size >= across.area_m2() {
             return Some(across.start(u));
         }
-        let (chosen, u0) = choose_by_size(self.spheres.iter().map(Sphere::disc_m2), u[0] * size)?;
+        let (chosen, u0) = choose_by_size(self.spheres.iter().map(Sphere::weighted_disc_m2), u[0] * size)?;
         let sphere = &self.spheres[chosen];
         let offset = warp::disc([u0, u[1]]) * sphere.radius_m;
         let at = sphere.middle + across.frame.t * offset.x + across.frame.b * offset.y;
@@ -189,8 +209,9 @@ impl Aim {
             let beside = away - n * n.dot(away);
             *index != chosen && beside.length_squared() <= other.radius_m * other.radius_m
         };
-        let count = 1 + self.spheres.iter().enumerate().filter(holds).count();
-        Some((at - n * n.dot(at - across.origin), size / count as f32))
+        let others = self.spheres.iter().enumerate().filter(holds);
+        let held = sphere.weight + others.map(|(_, other)| other.weight).sum::<f32>();
+        Some((at - n * n.dot(at - across.origin), size / held))
     }
 }
 
@@ -209,7 +230,7 @@ impl World {
             }
             SourceKind::Spot { position, axis, intensity, cos_inner, cos_outer } => {
                 let whole_sr = TAU * (1.0 - cos_outer);
-                let cone = Cone { axis: *axis, sin2: 1.0, solid_angle_sr: whole_sr };
+                let cone = Cone { axis: *axis, sin2: 1.0, solid_angle_sr: whole_sr, weight: 1.0 };
                 let aimed = aim.direction(*position, numbers.direction, whole_sr, |u| cone.draw(u))?;
                 let cos = aimed.direction.dot(*axis);
                 let blind = if cos >= *cos_outer { 1.0 / whole_sr } else { 0.0 };
@@ -310,15 +331,6 @@ mod tests {
         world(|stage| stage.builder().set_environment(Environment::Constant(Rgb::splat(2.0))).unwrap())
     }
 
-    fn meets(ray: &Ray, sphere: &Sphere) -> bool {
-        let direction = ray.direction.normalize();
-        let to = sphere.middle - ray.origin;
-        let along = to.dot(direction);
-        let beside = (to - direction * along).length_squared();
-        let r2 = sphere.radius_m * sphere.radius_m;
-        beside <= r2 && (along >= 0.0 || to.length_squared() <= r2)
-    }
-
     /// Independent numbers: the standard error of a mean is then that of independent draws.
     fn numbers(i: u32) -> EmissionNumbers {
         let [u, v, s, t] = sobol::point(2 * u64::from(i) + 1, 0);
@@ -330,11 +342,22 @@ mod tests {
     /// spheres far and near, overlapping, around the light, and all around.
     #[test]
     fn aimed_flux_is_that_of_blind_emission() {
-        let ball = |x: f32, y: f32, z: f32, radius_m: f32| Sphere { middle: Vec3::new(x, y, z), radius_m };
+        let weighted = |x: f32, y: f32, z: f32, radius_m: f32, weight: f32| Sphere {
+            middle: Vec3::new(x, y, z),
+            radius_m,
+            weight,
+        };
+        let ball = |x: f32, y: f32, z: f32, radius_m: f32| weighted(x, y, z, radius_m, 1.0);
         let aims = [
             vec![ball(1.0, -1.0, 0.5, 0.4)],
             vec![ball(1.0, -1.0, 0.5, 0.9), ball(0.4, -1.2, 0.4, 0.7), ball(-1.5, 0.0, 1.0, 0.3)],
+            vec![
+                weighted(1.0, -1.0, 0.5, 0.9, 0.3),
+                ball(0.4, -1.2, 0.4, 0.7),
+                weighted(-1.5, 0.0, 1.0, 0.3, 0.6),
+            ],
             vec![ball(0.0, 1.5, 0.0, 1.5), ball(1.5, -2.0, 0.0, 0.5)],
+            vec![weighted(0.0, 1.5, 0.0, 1.5, 0.2), weighted(1.5, -2.0, 0.0, 0.5, 0.4)],
             vec![ball(0.0, 0.0, 0.0, 9.0)],
         ];
         let intensity = Rgb::new(1.0, 2.0, 3.0);
@@ -355,6 +378,7 @@ mod tests {
                 let part = Sphere {
                     middle: last.middle - Vec3::Y * 0.5 * last.radius_m,
                     radius_m: 0.5 * last.radius_m,
+                    weight: 1.0,
                 };
                 let mut figures = [RunningStatistics::default(); 4];
                 for i in 0..60_000 {
@@ -364,8 +388,8 @@ mod tests {
                     let blind =
                         blind.map_or((0.0, None), |p| (luminance(p.weight) * source.power_w(), Some(p.ray)));
                     for (offset, (flux, ray)) in [(0, aimed), (2, blind)] {
-                        let any = ray.is_some_and(|ray| spheres.iter().any(|sphere| meets(&ray, sphere)));
-                        let in_part = ray.is_some_and(|ray| meets(&ray, &part));
+                        let any = ray.is_some_and(|ray| spheres.iter().any(|sphere| sphere.is_met_by(&ray)));
+                        let in_part = ray.is_some_and(|ray| part.is_met_by(&ray));
                         figures[offset].add(if any { flux } else { 0.0 });
                         figures[offset + 1].add(if in_part { flux } else { 0.0 });
                     }
@@ -393,7 +417,7 @@ mod tests {
     fn nothing_is_aimed_at_nothing() {
         let world = lamp(false);
         let source = &world.sources()[0];
-        for spheres in [vec![], vec![Sphere { middle: Vec3::ONE, radius_m: 0.0 }]] {
+        for spheres in [vec![], vec![Sphere { middle: Vec3::ONE, radius_m: 0.0, weight: 1.0 }]] {
             let aim = Aim { spheres };
             assert_eq!(world.power_towards_w(source, &aim, 512), 0.0);
         }

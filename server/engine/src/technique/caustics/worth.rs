@@ -1,0 +1,290 @@
+//! What photons of a light are aimed at, and how often: more at what sends them on to where the camera sees them.
+//!
+//! Of photons aimed at everything that shines most may fall where nobody looks: those for the ground around a house on its walls, and few come
+//! through its windows. Some are tried for every sphere. What counts for the noise of a picture is the root of the share that is seen
+//! [Veach1997, 2.4.1]: a sphere of which one photon in a hundred is gets a tenth of those that one of the same size gets where all are. Half
+//! goes by flux, since few tries miss what is rare, and mirrors and glass show what is not seen straight; where the other half is spent
+//! otherwise there are as many more that nothing gets fewer. And where what is seen is lit by them and hardly by anything else, such as a room
+//! by the sun through panes, there are as many as there may be, however little of all light that is.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::{
+    AimedLight, CausticSettings,
+    photons::{CausticTracer, emission_of, facing, is_shown_on},
+};
+use crate::{
+    accel::Ray,
+    technique::path::View,
+    transport::{Aim, Sphere, World},
+};
+
+/// Photons that are tried for all spheres of all lights, and for one sphere of one light at least; where there are more spheres, all count alike.
+const TRIES_OF_ALL: usize = 1 << 11;
+const TRIES_LEAST: usize = 16;
+/// Photons of all lights that are tried for what they light straight, and of one light at least; where there are more lights, that counts as much.
+const STRAIGHT_OF_ALL: usize = 1 << 9;
+const STRAIGHT_LEAST: usize = 8;
+/// Least weight of a sphere: none is left out.
+const WEIGHT_LEAST: f32 = 1e-6;
+/// What a ray from the eye meets so close to a photon, in shares of its length, is where the photon lies.
+const NEAR: f32 = 0.01;
+
+/// Weighs the spheres that lights are aimed at by what is seen of them, and shares the photons of a pass out to the lights: up to twice as many.
+///
+/// - `lights`: aimed at the same spheres each, with as many photons as their flux there asks for
+pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [AimedLight]) {
+    let pairs = lights.iter().map(|light| light.aim.spheres.len()).sum::<usize>();
+    let tries = TRIES_OF_ALL / pairs.max(1);
+    let Some(view) = settings.seen_by.filter(|_| tries >= TRIES_LEAST) else { return };
+    let tracer = CausticTracer { world, settings };
+    let tries_of = |light: &AimedLight| -> Vec<Tried> {
+        let spheres = light.aim.spheres.par_iter();
+        spheres.map(|sphere| Tried::of(&tracer, &view, (light, sphere), tries)).collect()
+    };
+    let tried: Vec<Vec<Tried>> = lights.par_iter().map(tries_of).collect();
+    let seen: f64 = tried.iter().flatten().map(Tried::wanted).sum();
+    let seen_w: f64 = tried.iter().flatten().map(|tried| tried.flux_w * tried.seen).sum();
+    let count: f64 = lights.iter().map(|light| light.photon_count).sum();
+    if !(seen > 0.0 && seen.is_finite()) {
+        return;
+    }
+    // Photons for every sphere, by flux and by what is seen.
+    let by_flux = |light: &AimedLight, tried: &[Tried]| -> Vec<f64> {
+        let flux_w: f64 = tried.iter().map(|tried| tried.flux_w).sum();
+        tried.iter().map(|tried| light.photon_count * tried.flux_w / flux_w.max(f64::MIN_POSITIVE)).collect()
+    };
+    let wanted: Vec<Vec<[f64; 2]>> = lights
+        .iter()
+        .zip(&tried)
+        .map(|(light, tried)| {
+            let by_seen = tried.iter().map(|tried| tried.wanted() / seen * count);
+            by_flux(light, tried).into_iter().zip(by_seen).map(|(flux, seen)| [flux, seen]).collect()
+        })
+        .collect();
+    let otherwise: f64 = wanted.iter().flatten().map(|[flux, seen]| (seen - flux).max(0.0)).sum();
+    let share = 0.5 * (1.0 + (otherwise / count).min(1.0));
+    let lit_so = seen_w / (seen_w + seen_straight_w(world, &view, lights));
+    let more = (lit_so * f64::from(settings.photons_max) / count).max(1.0);
+    for ((light, tried), wanted) in lights.iter_mut().zip(&tried).zip(&wanted) {
+        let counts = || wanted.iter().map(|[flux, seen]| share * (flux + more * seen));
+        // Photons for as much flux.
+        let densities = || counts().zip(tried).map(|(count, tried)| count / tried.flux_w);
+        let most = densities().filter(|density| density.is_finite()).fold(0.0, f64::max);
+        let least = densities().filter(|density| density.is_finite()).fold(most, f64::min);
+        if most > 0.0 {
+            light.photon_count = counts().sum();
+            light.aim.spheres.iter_mut().zip(densities()).for_each(|(sphere, density)| {
+                // What no try found a way to may yet be lit.
+                let density = if density.is_finite() { density } else { least };
+                sphere.weight = ((density / most) as f32).max(WEIGHT_LEAST);
+            });
+        }
+    }
+}
+
+/// What came of photons aimed at one sphere.
+struct Tried {
+    /// Luminance of the flux that the light sends there, W.
+    flux_w: f64,
+    /// Share of it that arrives where it is seen, as far as the sphere is to be thanked for it.
+    seen: f64,
+}
+
+impl Tried {
+    fn of(
+        tracer: &CausticTracer<'_>,
+        view: &View,
+        (light, sphere): (&AimedLight, &Sphere),
+        tries: usize,
+    ) -> Tried {
+        let alone = Aim { spheres: vec![*sphere] };
+        let (mut flux_w, mut seen_w) = (0.0, 0.0);
+        let mut photons = Vec::new();
+        for number in 0..tries as u32 {
+            let numbers = emission_of(light.key, number);
+            let Some(emitted) = tracer.world.emit_at(&light.source, &alone, &numbers) else { continue };
+            let set_out_w = f64::from(emitted.flux_w.luminance());
+            photons.clear();
+            tracer.follow((emitted.ray, emitted.flux_w), (light.key, number), &mut photons);
+            let seen =
+                photons.iter().filter(|photon| is_seen(tracer.world, view, (photon.position, photon.normal)));
+            let of_photon_w: f64 = seen.map(|photon| f64::from(photon.flux_w.luminance())).sum();
+            flux_w += set_out_w;
+            // What lands on several things counts once.
+            seen_w += share_of(sphere, &light.aim, &emitted.ray) * of_photon_w.min(set_out_w);
+        }
+        let seen = if flux_w > 0.0 { seen_w / flux_w } else { 0.0 };
+        Tried { flux_w: flux_w / tries as f64, seen }
+    }
+
+    /// Photons that there should be for what is seen, over those of others.
+    fn wanted(&self) -> f64 {
+        self.flux_w * self.seen.sqrt()
+    }
+}
+
+/// Luminance of the flux that falls straight from lights on what is seen and shows it, W; infinite where there are too many lights.
+fn seen_straight_w(world: &World, view: &View, lights: &[AimedLight]) -> f64 {
+    let tries = STRAIGHT_OF_ALL / lights.len().max(1);
+    if tries < STRAIGHT_LEAST {
+        return f64::INFINITY;
+    }
+    let seen_w = |light: &AimedLight, number: u32| {
+        let emitted = world.emit(&light.source, &emission_of(light.key, number))?;
+        let hit = world.closest_hit(&emitted.ray)?;
+        let surface = world.surface(&hit, emitted.ray.direction);
+        let lit = (surface.point.position, facing(&surface, -emitted.ray.direction));
+        let is_shown = is_shown_on(&surface) && is_seen(world, view, lit);
+        is_shown.then(|| f64::from(emitted.weight.luminance()) * light.source.power_w())
+    };
+    let of = |light| (0..tries as u32).filter_map(|number| seen_w(light, number)).sum::<f64>();
+    lights.iter().map(of).sum::<f64>() / tries as f64
+}
+
+/// Share of a photon that is owed to one of the spheres that it meets, by how densely each alone would send photons there, about: what comes
+/// through a pane of a house is owed to the pane, not to the house.
+fn share_of(sphere: &Sphere, aim: &Aim, ray: &Ray) -> f64 {
+    let density = |sphere: &Sphere| {
+        let r2 = sphere.radius_m * sphere.radius_m;
+        f64::from(ray.origin.distance_squared(sphere.middle).max(r2) / r2)
+    };
+    let others = aim.spheres.iter().filter(|other| *other != sphere && other.is_met_by(ray));
+    let own = density(sphere);
+    own / (own + others.map(density).sum::<f64>())
+}
+
+/// Whether a point shows in a picture on the side of its normal, looked at straight.
+fn is_seen(world: &World, view: &View, (p, normal): (Vec3, Vec3)) -> bool {
+    let Some([x, y]) = view.project(p).filter(|at| view.holds(*at)) else { return false };
+    let ray = view.ray(x, y);
+    if ray.direction.dot(normal) >= 0.0 {
+        return false;
+    }
+    let met = world.closest_hit(&ray).map(|hit| (ray.origin + ray.direction * hit.t, hit.t));
+    met.is_some_and(|(met, t)| met.distance(p) <= NEAR * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3};
+
+    use super::{
+        super::{CausticLight, Emission, photons_of_a_pass, tests::world_of},
+        *,
+    };
+    use crate::{
+        film::PictureSize,
+        math::Rgb,
+        scene::{
+            CameraView, Light, LightKind, Material,
+            samples::{Stage, cuboid, quad},
+        },
+    };
+
+    /// A room 4 m wide under the sun, with a pane of clear glass in its ceiling, on much ground of varnished wood; and a camera in the room.
+    fn room_under_glass() -> (World, View) {
+        let v = DVec3::new;
+        let mut stage = Stage::default();
+        let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+        let varnish = Material { roughness: 0.2, base_color: Rgb::splat(0.3), ..Material::default() };
+        let varnish = stage.material("varnish", varnish).unwrap();
+        let glass = Material {
+            transmission: 1.0,
+            roughness: 0.0,
+            ior: 1.5,
+            base_color: Rgb::WHITE,
+            ..Material::default()
+        };
+        let glass = stage.material("glass", glass).unwrap();
+        let square = |h: f64, y: f64| [v(-h, y, h), v(h, y, h), v(h, y, -h), v(-h, y, -h)];
+        stage.place("ground", quad(square(50.0, -0.1), &varnish), DAffine3::IDENTITY).unwrap();
+        stage.place("floor", quad(square(2.0, 0.0), &white), DAffine3::IDENTITY).unwrap();
+        let walls = [
+            ([-2.1, -2.1], [-2.0, 2.1]),
+            ([2.0, -2.1], [2.1, 2.1]),
+            ([-2.0, -2.1], [2.0, -2.0]),
+            ([-2.0, 2.0], [2.0, 2.1]),
+        ];
+        let roof = [
+            ([-2.1, -2.1], [-0.5, 2.1]),
+            ([0.5, -2.1], [2.1, 2.1]),
+            ([-0.5, -2.1], [0.5, -0.5]),
+            ([-0.5, 0.5], [0.5, 2.1]),
+        ];
+        let parts = [(walls, [0.0, 3.0]), (roof, [3.0, 3.1])];
+        for (kind, (boxes, [low, high])) in parts.into_iter().enumerate() {
+            for (place, ([x, z], [x2, z2])) in boxes.into_iter().enumerate() {
+                let mesh = cuboid(v(x, low, z), v(x2, high, z2), &white);
+                stage.place(&format!("part {kind} {place}"), mesh, DAffine3::IDENTITY).unwrap();
+            }
+        }
+        stage
+            .place("pane", cuboid(v(-0.5, 3.02, -0.5), v(0.5, 3.03, 0.5), &glass), DAffine3::IDENTITY)
+            .unwrap();
+        let kind = LightKind::Directional { irradiance: Rgb::splat(5.0) };
+        let sun =
+            Light { kind, parent: None, position: DVec3::ZERO, direction: v(0.2, -1.0, 0.1).normalize() };
+        stage.light("sun", sun).unwrap();
+        let world = world_of(stage.finish());
+        let camera = CameraView::look_at(v(-1.5, 2.0, 1.5), v(0.3, 0.0, 0.0), DVec3::Y, 1.3);
+        let view = View::new(&world, &camera, PictureSize::new(64, 64).unwrap());
+        (world, view)
+    }
+
+    /// What lights the floor of a room through a pane gets most of the photons that are to be seen, and as much light as before.
+    #[test]
+    fn photons_go_where_they_are_seen() {
+        let (world, view) = room_under_glass();
+        let of = CausticSettings { photons_max: 8_192, ..CausticSettings::of(1 << 14, None, 3) };
+        let on_floor = |settings: &CausticSettings| {
+            let photons = photons_of_a_pass(&world, settings);
+            let inside = photons.iter().filter(|photon| {
+                let at = photon.position.as_dvec3() + world.accel().origin_in_world();
+                at.y.abs() < 1e-3 && at.x.abs() < 2.0 && at.z.abs() < 2.0
+            });
+            let fluxes: Vec<f64> = inside.map(|photon| f64::from(photon.flux_w.g)).collect();
+            (fluxes.len(), fluxes.iter().sum::<f64>())
+        };
+        for light in [CausticLight::All, CausticLight::Hidden] {
+            let of = CausticSettings { light, ..of };
+            let seen = CausticSettings { seen_by: Some(view), ..of };
+            let (count, flux_w) = on_floor(&of);
+            let (seen_count, seen_flux_w) = on_floor(&seen);
+            assert!(seen_count > 8 * count && seen_count > 400, "{light:?}: {seen_count} for {count}");
+            // By so many more blindly that they tell.
+            let many = CausticSettings { photons_per_pass: u32::MAX, photons_max: 1 << 22, ..of };
+            let (_, true_flux_w) = on_floor(&many);
+            assert!(
+                (seen_flux_w / true_flux_w - 1.0).abs() < 0.03,
+                "{light:?}: {seen_flux_w} W for {true_flux_w}, {flux_w} blindly"
+            );
+        }
+    }
+
+    /// There are twice as many photons as there may be at most, nothing gets much fewer than by its flux, and where nobody looks nothing changes.
+    #[test]
+    fn nothing_gets_fewer_photons_than_by_its_flux() {
+        let (world, view) = room_under_glass();
+        let of = CausticSettings { photons_max: 8_192, ..CausticSettings::of(1 << 14, None, 3) };
+        let photons_of = |emission: &Emission| -> Vec<f64> {
+            let light = &emission.lights[0];
+            // For light from infinitely far by area.
+            let sizes = light
+                .aim
+                .spheres
+                .iter()
+                .map(|sphere| f64::from(sphere.radius_m * sphere.radius_m * sphere.weight));
+            let all: f64 = sizes.clone().sum();
+            sizes.map(|size| light.photon_count * size / all).collect()
+        };
+        let blind = Emission::of(&world, &of);
+        assert!(blind.lights[0].aim.spheres.iter().all(|sphere| sphere.weight == 1.0));
+        let seen = Emission::of(&world, &CausticSettings { seen_by: Some(view), ..of });
+        assert!(seen.lights[0].photon_count <= 2.0 * f64::from(of.photons_max));
+        for (blind, seen) in photons_of(&blind).into_iter().zip(photons_of(&seen)) {
+            assert!(seen > 0.9 * blind, "{seen} for {blind}");
+        }
+    }
+}
