@@ -4,6 +4,7 @@ use std::{collections::BTreeSet, fmt::Write as _};
 
 use lumicast_engine::{
     effects::EffectPlan,
+    math::Rgb,
     scene::{Environment, Id, LightKind, Projection, Scene},
 };
 use serde::Serialize;
@@ -66,8 +67,15 @@ pub struct SceneInfo {
 #[derive(Clone, Debug, Serialize)]
 struct Ids {
     nodes: Vec<NodeInfo>,
-    materials: Vec<String>,
+    materials: Vec<MaterialInfo>,
     lights: Vec<LightInfo>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct MaterialInfo {
+    id: String,
+    /// It sends out light: what is made of it is a lamp.
+    emits: bool,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -83,6 +91,7 @@ struct NodeInfo {
 struct LightInfo {
     id: String,
     kind: &'static str,
+    parent: Option<String>,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -231,8 +240,13 @@ impl SceneInfo {
         }
         if let Some(Ids { nodes, materials, lights }) = &self.ids {
             nodes.iter().for_each(|node| line("node", node.text()));
-            materials.iter().for_each(|id| line("material", id.clone()));
-            lights.iter().for_each(|light| line("light", format!("{} ({})", light.id, light.kind)));
+            materials.iter().for_each(|of| {
+                line("material", format!("{}{}", of.id, if of.emits { " (sends out light)" } else { "" }));
+            });
+            lights.iter().for_each(|light| {
+                let on = light.parent.iter().map(|parent| format!("; on {parent}")).collect::<String>();
+                line("light", format!("{} ({}{on})", light.id, light.kind));
+            });
         }
         text
     }
@@ -260,12 +274,13 @@ impl Ids {
                 LightKind::Spot { .. } => "spot",
                 LightKind::Directional { .. } => "directional",
             },
+            parent: light.parent.as_ref().map(name),
         });
-        Ids {
-            nodes: nodes.collect(),
-            materials: scene.materials().keys().map(name).collect(),
-            lights: lights.collect(),
-        }
+        let materials = scene
+            .materials()
+            .iter()
+            .map(|(id, material)| MaterialInfo { id: name(id), emits: material.emission != Rgb::BLACK });
+        Ids { nodes: nodes.collect(), materials: materials.collect(), lights: lights.collect() }
     }
 }
 
@@ -338,6 +353,7 @@ mod tests {
         for id in scene.nodes().keys() {
             assert!(text.contains(&format!("node         {} (mesh ", id.as_str())), "{id:?} in\n{text}");
         }
-        assert!(text.contains("material     lamp\n"), "{text}");
+        assert!(text.contains("material     lamp (sends out light)\n"), "{text}");
+        assert!(text.contains("material     red\n"), "{text}");
     }
 }

@@ -166,7 +166,7 @@ impl Lit {
             let is_here = self.world.accel().origin_in_world() == world.accel().origin_in_world();
             let waits = is_here && self.learner.is_catching_up();
             if (waits || has_waiting) && !change.leaves_light_alone() {
-                workshop.drawing_pool.install(|| self.learner.fall_behind(&before, world));
+                workshop.drawing_pool.install(|| self.learner.fall_behind(&self.world, (&before, world)));
             }
             if waits {
                 return;

@@ -19,6 +19,9 @@ use crate::{
 
 use super::RenderSettings;
 
+/// So many times fewer photons than a picture has are for the measure of its error, at most.
+const MEASURE_FEWER: u32 = 16;
+
 /// What hidden light is for: each has photons of its own, so that what is compared is independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum HiddenFor {
@@ -45,8 +48,17 @@ impl HiddenLight {
     ) -> HiddenLight {
         let seed = sobol::mix(settings.seed ^ (0x6869_6464_656e_0000 + what_for as u64));
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, seed);
-        let caustics =
-            Caustics::new(CausticSettings { light: CausticLight::Hidden, seen_by: Some(view), ..of });
+        let photons_max = match what_for {
+            // It has a twentieth of the time, and is to know the first two maps soon.
+            HiddenFor::Measure => of.photons_max / MEASURE_FEWER,
+            HiddenFor::LookedUp | HiddenFor::Traced => of.photons_max,
+        };
+        let caustics = Caustics::new(CausticSettings {
+            photons_max,
+            light: CausticLight::Hidden,
+            seen_by: Some(view),
+            ..of
+        });
         HiddenLight { caustics }
     }
 

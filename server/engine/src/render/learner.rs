@@ -67,6 +67,22 @@ const MORE: f64 = 1.4;
 /// And for so many more of all records there are at least: all are copied to be shown.
 const COPIED_SHARE: f64 = 0.02;
 
+/// How much otherwise edits make the lights shine that are yet to be followed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Ahead {
+    /// All of them together: what is switched off and on again, or dimmed to nothing and back, is as it was.
+    at_once: LightsChange,
+    /// By the one that changes most: what is dragged has come far by small steps.
+    step_by_step: LightsChange,
+}
+
+impl Ahead {
+    /// What tells more of the light that is known.
+    fn change(self) -> LightsChange {
+        if self.at_once.share <= LIGHTS_CHANGE_MAX { self.at_once } else { self.step_by_step }
+    }
+}
+
 /// Records that an edit left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum OldRecords {
@@ -104,7 +120,7 @@ pub struct Learner {
     /// How much otherwise the lights shine by now than those that it is of, by the edit that changed most; see [`crate::transport::change_of_lights`].
     lights_change: LightsChange,
     /// And by edits that it has yet to follow, if any.
-    lights_change_ahead: Option<LightsChange>,
+    lights_change_ahead: Option<Ahead>,
     /// Photons and octree were not yet brought to the scene after the last edit, not even roughly.
     is_catching_up: bool,
     /// How often light was gathered for what is shown.
@@ -466,7 +482,7 @@ impl Learner {
 
     /// With edits that it has yet to follow.
     fn lights_change_by_now(&self) -> LightsChange {
-        self.lights_change_ahead.map_or(self.lights_change, |ahead| self.lights_change.then(ahead))
+        self.lights_change_ahead.map_or(self.lights_change, |ahead| self.lights_change.then(ahead.change()))
     }
 
     /// What is known of the light, as far as that goes of the scene with all its edits: where all its lights have changed alike, times as

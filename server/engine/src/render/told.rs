@@ -72,7 +72,7 @@ impl Rendering {
         std::iter::once(&self.film).chain(&self.traced)
     }
 
-    /// Share of path tracing in a picture that [`Rendering::picture`] returned, mean over its pixels.
+    /// Share of the path-traced film in a picture that [`Rendering::picture`] returned, mean over its pixels; 1 where all light is path-traced.
     pub fn path_traced_share(&self, picture: &Picture<'_>) -> f64 {
         let is_path = self.looked_up_name() == "path";
         if is_path { 1.0 } else { picture.traced_share() }

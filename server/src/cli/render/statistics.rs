@@ -29,7 +29,7 @@ pub(super) struct Statistics {
     pub(super) indirect: &'static str,
     /// Technique of the light in the picture.
     pub(super) technique: &'static str,
-    /// Share of path tracing in what is seen, mean over the pixels; 1 for what is path-traced alone.
+    /// Share of the path-traced picture in what is seen, beside one that is looked up, mean over the pixels; 1 where all light is path-traced.
     pub(super) path_traced: f64,
     /// Where light was computed.
     pub(super) backend: &'static str,

@@ -102,10 +102,14 @@ fn light_follows_edits_that_do_not_end() {
         assert!(!Arc::ptr_eq(&lit.world, &later) && lit.known().is_some(), "{blue}");
         next = later;
     }
-    let (later, change) = turned(&next, 1.0);
-    lit.follow_edit(&later, &change, &workshop);
-    assert!(!Arc::ptr_eq(&lit.world, &later) && lit.known().is_none());
-    let next = later;
+    // Whatever came between, what is as it was is lit as it was.
+    for (blue, is_known) in [(1.0, true), (0.02, false), (0.9, true), (0.02, false)] {
+        let (later, change) = turned(&next, blue);
+        lit.follow_edit(&later, &change, &workshop);
+        assert!(!Arc::ptr_eq(&lit.world, &later));
+        assert_eq!(lit.known().is_some(), is_known, "{blue}");
+        next = later;
+    }
     until_complete(&mut lit, &next);
     // Around another origin nothing waits.
     let (first, change) = edited(&next, 10.4);

@@ -1,6 +1,6 @@
 //! What becomes of what was learnt when the scene changes, by edits or by what nobody announced.
 
-use super::{Illumination, Learner, OldRecords, Stage};
+use super::{Ahead, Illumination, Learner, OldRecords, Stage};
 use crate::{
     technique::{Edit, Technique, photons::ProbeCounts},
     transport::{LightsChange, World, change_of_lights},
@@ -31,7 +31,7 @@ impl Learner {
         if !is_unknown {
             self.lights_change = LightsChange::NONE;
         } else if !self.knows_other_lights() {
-            let change = ahead.unwrap_or_else(|| change_of_lights(edit.before, edit.after));
+            let change = ahead.map_or_else(|| change_of_lights(edit.before, edit.after), Ahead::change);
             self.lights_change = self.lights_change.then(change);
         }
         if let Some(records) = self.records.as_mut().filter(|_| !begins_again) {
@@ -58,9 +58,13 @@ impl Learner {
 
     /// What is known falls behind by an edit that [`Learner::apply`] is told of later together with others: each of them is told here, one
     /// after the other.
-    pub fn fall_behind(&mut self, before: &World, after: &World) {
-        let change = change_of_lights(before, after);
-        self.lights_change_ahead = Some(self.lights_change_ahead.map_or(change, |ahead| ahead.then(change)));
+    ///
+    /// - `followed`: the scene after the last edit that was followed
+    /// - `before`, `after`: that edit
+    pub fn fall_behind(&mut self, followed: &World, (before, after): (&World, &World)) {
+        let step = change_of_lights(before, after);
+        let step_by_step = self.lights_change_ahead.map_or(step, |ahead| ahead.step_by_step.then(step));
+        self.lights_change_ahead = Some(Ahead { at_once: change_of_lights(followed, after), step_by_step });
     }
 
     /// Shows the records that an edit left.

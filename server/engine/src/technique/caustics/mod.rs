@@ -9,7 +9,8 @@
 //! First pictures after a camera has moved have them from fewer photons, counted on the screen (`screen/`).
 //!
 //! Photons carry as much flux each as if all lights had sent them out blindly: what this costs is in proportion to the share
-//! of the light that falls on mirrors and glass. Where there are none it costs nothing, where there are only rough coats, little.
+//! of the light that falls on mirrors and glass, up to what there may be where nothing else lights what is seen (`worth.rs`). Where there
+//! are none it costs nothing, where there are only rough coats, little.
 //!
 //! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of
 //! point, spot and directional lights by way of mirrors and clear glass, which no path from the eye can find; and can be asked
@@ -66,7 +67,7 @@ pub struct CausticSettings {
     /// Photons of a pass if all the light of the scene fell on mirrors and glass; as many fewer as less does, or as rough coats send on,
     /// but for those of a sketch.
     pub photons_per_pass: u32,
-    /// Photons of a pass at most; twice as many where they are spent on what is seen (`worth.rs`).
+    /// Photons of a pass that flux alone asks for, at most; see [`CausticSettings::photons_end`].
     pub photons_max: u32,
     /// Most surfaces that a photon reaches; `None`: no bound.
     pub bounces_max: Option<u32>,
@@ -105,9 +106,14 @@ impl CausticSettings {
         }
     }
 
+    /// Photons of a pass at most: more than flux asks for where they are spent on what is seen (`worth.rs`).
+    pub fn photons_end(&self) -> u32 {
+        self.photons_max.saturating_mul(2).min(PHOTONS_END.max(self.photons_max))
+    }
+
     /// Memory of a map with as many photons as there may be, where they show on a surface or two.
     pub fn bytes_max(&self) -> usize {
-        2 * self.photons_max as usize * BYTES_PER_PHOTON
+        self.photons_end() as usize * BYTES_PER_PHOTON
     }
 }
 
@@ -175,6 +181,8 @@ struct Emission {
     least_extent_m: f32,
     /// Lights that may reach something specular.
     lights: Vec<AimedLight>,
+    /// That finding out took, until they are counted.
+    rays: u64,
 }
 
 /// A light with the name of its numbers and the mean number of its photons in a pass.
@@ -257,7 +265,7 @@ impl Caustics {
             }
         };
         let tracer = CausticTracer { world, settings: &self.settings };
-        let mut counts = Counts::default();
+        let mut counts = Counts { rays: std::mem::take(&mut emission.rays), ..Counts::default() };
         while !pass.jobs.is_empty() && !cancel.load(Ordering::Relaxed) {
             let batch = photons::take(&mut pass.jobs, BATCH);
             let traced = tracer.trace_all(&emission.lights, &batch, &mut pass.photons);
@@ -353,10 +361,10 @@ impl Emission {
             source,
         });
         let mut lights: Vec<AimedLight> = lights.filter(|light| light.photon_count > 0.0).collect();
-        worth::weigh(world, settings, &mut lights);
+        let rays = worth::weigh(world, settings, &mut lights);
         // Blurs of what one sphere alone focuses are measured by it.
         let least_extent_m = aim.spheres.iter().map(|sphere| sphere.radius_m).fold(f32::INFINITY, f32::min);
-        Emission { least_extent_m, lights }
+        Emission { least_extent_m, lights, rays }
     }
 
     /// Everything to be followed in a pass. Even and odd passes draw from sequences of their own: the two halves of a film must

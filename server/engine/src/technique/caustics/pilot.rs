@@ -18,8 +18,8 @@ const NEIGHBOURS: NonZeroUsize = NonZeroUsize::new(16).expect("is not zero");
 /// largest.
 const RADIUS_MAX: [f32; 2] = [1.0 / 32.0, 0.5];
 const RADIUS_RANGE: f32 = 1.0 / (1 << 20) as f32;
-/// Share of photons that may lie beyond either end of what is taken for their extent: strays would blur all others.
-const STRAY_SHARE: f32 = 0.05;
+/// Share of their flux that may lie beyond either end of what is taken for photons' extent: strays would blur all others.
+const STRAY_SHARE: f64 = 0.05;
 
 /// Names what a photon fell on: a primitive of an instance, where it faces most along some axis one way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -158,16 +158,25 @@ impl Crowds {
     }
 }
 
-/// Diagonal of the box that holds all but the strays on every side, m.
+/// Diagonal of the box beyond whose sides lies no more than the strays' share of the flux each, m.
 fn extent_m(photons: &[CausticPhoton]) -> f32 {
-    if photons.is_empty() {
-        return 0.0;
-    }
-    let strays = (STRAY_SHARE * photons.len() as f32) as usize;
+    let all_w: f64 = photons.iter().map(|photon| f64::from(photon.flux_w.luminance())).sum();
     let along = [0, 1, 2].map(|axis| {
-        let mut places: Vec<f32> = photons.iter().map(|photon| photon.position[axis]).collect();
-        places.sort_unstable_by(f32::total_cmp);
-        places[places.len() - 1 - strays] - places[strays]
+        let mut places: Vec<[f32; 2]> =
+            photons.iter().map(|photon| [photon.position[axis], photon.flux_w.luminance()]).collect();
+        places.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]));
+        let ends = [first_within(places.iter(), all_w), first_within(places.iter().rev(), all_w)];
+        ends[1] - ends[0]
     });
     Vec3::from_array(along).length()
+}
+
+/// The first of some places, each with its flux, before which lies no more than the strays' share of all flux.
+fn first_within<'a>(places: impl Iterator<Item = &'a [f32; 2]>, all_w: f64) -> f32 {
+    let mut until_w = 0.0;
+    let mut within = places.filter(|[_, flux_w]| {
+        until_w += f64::from(*flux_w);
+        until_w > STRAY_SHARE * all_w
+    });
+    within.next().map_or(0.0, |[place, _]| *place)
 }
