@@ -44,10 +44,9 @@ use self::{
     photons::{CausticTracer, Job, Traced},
     pilot::Pilot,
 };
-use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique};
+use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique, View};
 use crate::{
     math::sobol,
-    technique::path::View,
     transport::{Aim, PathClass, Source, World},
 };
 

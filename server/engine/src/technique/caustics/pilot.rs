@@ -180,3 +180,32 @@ fn first_within<'a>(places: impl Iterator<Item = &'a [f32; 2]>, all_w: f64) -> f
     });
     within.next().map_or(0.0, |[place, _]| *place)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rgb;
+
+    /// Photons that lie far off count by the light they bring, not by their number: strays do not, few that bring much of it do.
+    #[test]
+    fn extent_is_that_of_the_light() {
+        let extent_of = |stray_w: f32| {
+            let photon = |place: f32, flux_w: f32| CausticPhoton {
+                position: Vec3::new(place, 0.0, 0.0),
+                radius_m: 0.0,
+                flux_w: Rgb::splat(flux_w),
+                direction: Vec3::Y,
+                normal: Vec3::Y,
+                sheet: Sheet::of(0, 0, Vec3::Y),
+                scatterings: 1,
+                is_on_back: false,
+            };
+            let near = (0..=1000).map(|number| photon(number as f32 * 1e-3, 1e-3));
+            let far = (0..10).map(|_| photon(50.0, stray_w));
+            extent_m(&near.chain(far).collect::<Vec<_>>())
+        };
+        assert!((extent_of(1e-3) - 0.9).abs() < 0.05, "{}", extent_of(1e-3));
+        assert!((extent_of(1.0) - 50.0).abs() < 1.0, "{}", extent_of(1.0));
+        assert_eq!(extent_m(&[]), 0.0);
+    }
+}

@@ -18,7 +18,7 @@ use super::{
 use crate::{
     accel::Ray,
     math::sobol,
-    technique::path::View,
+    technique::View,
     transport::{Aim, Source, Sphere, World},
 };
 
