@@ -26,6 +26,9 @@ use crate::{
 /// all count alike.
 const TRIES_OF_ALL: usize = 1 << 11;
 const TRIES_LEAST: usize = 16;
+/// Surfaces that a tried photon reaches at most: between mirrors it would go on for a thousand. Where most reach half as many, more photons than flux
+/// asks for would take too long.
+const BOUNCES_TRIED: u32 = 16;
 /// Photons of all lights that are tried for what they light straight, and of one light at least; where there are more lights, that counts as all.
 const STRAIGHT_OF_ALL: usize = 1 << 9;
 const STRAIGHT_LEAST: usize = 8;
@@ -44,7 +47,9 @@ pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [Aim
     let pairs = lights.iter().map(|light| light.aim.spheres.len()).sum::<usize>();
     let tries = TRIES_OF_ALL / pairs.max(1);
     let Some(view) = settings.seen_by.filter(|_| tries >= TRIES_LEAST) else { return 0 };
-    let tracer = CausticTracer { world, settings };
+    let bounces_max = settings.bounces_max.map_or(BOUNCES_TRIED, |bounces| bounces.min(BOUNCES_TRIED));
+    let of_tries = CausticSettings { bounces_max: Some(bounces_max), ..*settings };
+    let tracer = CausticTracer { world, settings: &of_tries };
     let tries_of = |light: &AimedLight| -> Vec<Tried> {
         let spheres = (0..light.aim.spheres.len()).into_par_iter();
         spheres.map(|sphere| Tried::of(&tracer, &view, (light, sphere), tries)).collect()
@@ -53,7 +58,9 @@ pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [Aim
     let rays = tried.iter().flatten().map(|tried| tried.rays).sum::<u64>();
     let seen: f64 = tried.iter().flatten().map(Tried::wanted).sum();
     let count: f64 = lights.iter().map(|light| light.photon_count).sum();
-    if !(seen > 0.0 && seen.is_finite() && count > 0.0) {
+    let followed = |which: usize| tried.iter().flatten().map(|tried| tried.followed[which]).sum::<u64>();
+    let is_to_and_fro = followed(1) > followed(0) * u64::from(BOUNCES_TRIED / 2);
+    if is_to_and_fro || !(seen > 0.0 && seen.is_finite() && count > 0.0) {
         return rays;
     }
     // Photons for every sphere, by flux and by what is seen.
@@ -99,6 +106,8 @@ struct Tried {
     /// Share of it that arrives where it is seen, as far as the sphere is to be thanked for it.
     seen: f64,
     rays: u64,
+    /// How many were followed, and over how many surfaces.
+    followed: [u64; 2],
 }
 
 impl Tried {
@@ -112,7 +121,7 @@ impl Tried {
         let aimed_at = light.aim.spheres[sphere];
         let alone = Aim { spheres: vec![aimed_at] };
         let key = key_of_tries(light.key);
-        let (mut flux_w, mut seen_w, mut rays) = (0.0, 0.0, 0);
+        let (mut flux_w, mut seen_w, mut seen_rays, mut followed) = (0.0, 0.0, 0, [0, 0]);
         let mut photons = Vec::new();
         for number in 0..tries as u32 {
             let Some(emitted) = tracer.world.emit_at(&light.source, &alone, &emission_of(key, number)) else {
@@ -124,9 +133,10 @@ impl Tried {
             }
             let set_out_w = f64::from(emitted.flux_w.luminance());
             photons.clear();
-            rays += tracer.follow((emitted.ray, emitted.flux_w), (key, number), &mut photons);
+            let surfaces = tracer.follow((emitted.ray, emitted.flux_w), (key, number), &mut photons);
+            followed = [followed[0] + 1, followed[1] + surfaces];
             let seen = photons.iter().filter(|photon| {
-                rays += 1;
+                seen_rays += 1;
                 is_seen(tracer.world, view, (photon.position, photon.normal))
             });
             let of_photon_w: f64 = seen.map(|photon| f64::from(photon.flux_w.luminance())).sum();
@@ -135,7 +145,7 @@ impl Tried {
             seen_w += share_of(sphere, &light.aim, &emitted.ray) * of_photon_w.min(set_out_w);
         }
         let seen = if flux_w > 0.0 { seen_w / flux_w } else { 0.0 };
-        Tried { flux_w: flux_w / tries as f64, seen, rays }
+        Tried { flux_w: flux_w / tries as f64, seen, rays: followed[1] + seen_rays, followed }
     }
 
     /// Photons that there should be for what is seen, over those of others.
