@@ -54,6 +54,10 @@ pub(super) fn stage_with_mirror(half: f64, mirror: Material, kind: LightKind, x:
     stage
 }
 
+pub(super) fn clear_glass() -> Material {
+    Material { transmission: 1.0, roughness: 0.0, ior: 1.5, base_color: Rgb::WHITE, ..Material::default() }
+}
+
 pub(super) fn mirror(reflectance: f32) -> Material {
     Material { base_color: Rgb::splat(reflectance), metallic: 1.0, roughness: 0.0, ..Material::default() }
 }
@@ -115,14 +119,7 @@ fn aimed_photons_bring_the_flux_of_blind_ones() {
 fn a_glass_ball_lets_through_what_fresnel_says() {
     let mut stage = Stage::default();
     let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
-    let glass = Material {
-        transmission: 1.0,
-        roughness: 0.0,
-        ior: 1.5,
-        base_color: Rgb::WHITE,
-        ..Material::default()
-    };
-    let glass = stage.material("glass", glass).unwrap();
+    let glass = stage.material("glass", clear_glass()).unwrap();
     let h = 40.0;
     let floor = [v(-h, -1.2, h), v(h, -1.2, h), v(h, -1.2, -h), v(-h, -1.2, -h)];
     stage.place("floor", quad(floor, &white), DAffine3::IDENTITY).unwrap();

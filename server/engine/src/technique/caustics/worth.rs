@@ -214,7 +214,10 @@ mod tests {
     use glam::{DAffine3, DVec3};
 
     use super::{
-        super::{CausticLight, Emission, photons_of_a_pass, tests::world_of},
+        super::{
+            CausticLight, Emission, photons_of_a_pass,
+            tests::{clear_glass, world_of},
+        },
         *,
     };
     use crate::{
@@ -233,14 +236,7 @@ mod tests {
         let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
         let varnish = Material { roughness: 0.2, base_color: Rgb::splat(0.3), ..Material::default() };
         let varnish = stage.material("varnish", varnish).unwrap();
-        let glass = Material {
-            transmission: 1.0,
-            roughness: 0.0,
-            ior: 1.5,
-            base_color: Rgb::WHITE,
-            ..Material::default()
-        };
-        let glass = stage.material("glass", glass).unwrap();
+        let glass = stage.material("glass", clear_glass()).unwrap();
         let square = |h: f64, y: f64| [v(-h, y, h), v(h, y, h), v(h, y, -h), v(-h, y, -h)];
         stage.place("ground", quad(square(50.0, -0.1), &varnish), DAffine3::IDENTITY).unwrap();
         stage.place("floor", quad(square(2.0, 0.0), &white), DAffine3::IDENTITY).unwrap();
