@@ -57,6 +57,7 @@ impl HiddenLight {
             photons_max,
             light: CausticLight::Hidden,
             seen_by: Some(view),
+            passes_by_flux: u32::from(what_for == HiddenFor::LookedUp && settings.is_watched()),
             ..of
         });
         HiddenLight { caustics }

@@ -230,7 +230,8 @@ impl Rendering {
         let learnt = settings.learns(plan);
         let of = CausticSettings::of(size.pixel_count(), settings.bounces_max, settings.seed);
         let seen_by = View::new(&world, &view, size);
-        let of = CausticSettings { seen_by: Some(seen_by), ..of };
+        let passes_by_flux = u32::from(settings.is_watched());
+        let of = CausticSettings { seen_by: Some(seen_by), passes_by_flux, ..of };
         let caustics = settings.focuses(plan).then(|| Caustics::new(of));
         let brings_hidden = settings.brings_hidden(plan);
         let hidden = |what_for| brings_hidden.then(|| HiddenLight::new(&settings, (seen_by, size), what_for));

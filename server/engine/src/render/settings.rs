@@ -151,8 +151,12 @@ impl RenderSettings {
     /// Light that is to be looked up is path-traced as long as nothing is known of it. Who watches, and what is to be the best there is, is not
     /// to be without it; single pictures begin with direct light, whose samples all count to the end.
     pub(super) fn traces_unknown(&self) -> bool {
-        let is_watched = self.learning == Learning::Alongside { until: None };
-        self.looks_further() && (self.indirect == Indirect::Auto || is_watched)
+        self.looks_further() && (self.indirect == Indirect::Auto || self.is_watched())
+    }
+
+    /// Somebody looks on while it is drawn.
+    pub(super) fn is_watched(&self) -> bool {
+        self.learning == Learning::Alongside { until: None }
     }
 
     /// Noise is taken off what is looked up.

@@ -76,6 +76,8 @@ pub struct CausticSettings {
     pub light: CausticLight,
     /// The picture that it is for: photons are spent on what shows there. `None`: any.
     pub seen_by: Option<View>,
+    /// First passes whose photons go by flux all the same: those that are waited for.
+    pub passes_by_flux: u32,
 }
 
 impl CausticSettings {
@@ -89,6 +91,7 @@ impl CausticSettings {
             seed,
             light: CausticLight::All,
             seen_by: None,
+            passes_by_flux: 0,
         }
     }
 
@@ -102,6 +105,7 @@ impl CausticSettings {
             seed,
             light: CausticLight::All,
             seen_by: None,
+            passes_by_flux: 0,
         }
     }
 
@@ -180,6 +184,8 @@ struct Emission {
     least_extent_m: f32,
     /// Lights that may reach something specular.
     lights: Vec<AimedLight>,
+    /// They are weighed by what is seen.
+    is_weighed: bool,
     /// That finding out took, until they are counted.
     rays: u64,
 }
@@ -252,7 +258,12 @@ impl Caustics {
             return Progress { complete: true, ..Progress::default() };
         }
         let start = Instant::now();
-        let emission = self.emission.get_or_insert_with(|| Emission::of(world, &self.settings));
+        let emission = self.emission.get_or_insert_with(|| Emission::by_flux(world, &self.settings));
+        if !emission.is_weighed && number >= self.settings.passes_by_flux {
+            emission.weigh(world, &self.settings);
+            // They lie closer elsewhere.
+            (self.collected, self.pilot) = (Some(Vec::new()), None);
+        }
         if emission.lights.is_empty() {
             return Progress { complete: true, ..Progress::default() };
         }
@@ -329,7 +340,14 @@ fn shrinking(pass: u32) -> f64 {
 }
 
 impl Emission {
+    /// As for any pass after the first ones.
     fn of(world: &World, settings: &CausticSettings) -> Emission {
+        let mut emission = Emission::by_flux(world, settings);
+        emission.weigh(world, settings);
+        emission
+    }
+
+    fn by_flux(world: &World, settings: &CausticSettings) -> Emission {
         let aim = targets::aim_of(world, settings.light);
         let mut sources = if aim.spheres.is_empty() { Vec::new() } else { world.sources() };
         let total_w: f64 = sources.iter().map(Source::power_w).sum();
@@ -359,11 +377,16 @@ impl Emission {
             photon_count: power_w / photon_w,
             source,
         });
-        let mut lights: Vec<AimedLight> = lights.filter(|light| light.photon_count > 0.0).collect();
-        let rays = worth::weigh(world, settings, &mut lights);
+        let lights = lights.filter(|light| light.photon_count > 0.0).collect();
         // Blurs of what one sphere alone focuses are measured by it.
         let least_extent_m = aim.spheres.iter().map(|sphere| sphere.radius_m).fold(f32::INFINITY, f32::min);
-        Emission { least_extent_m, lights, rays }
+        Emission { least_extent_m, lights, is_weighed: false, rays: 0 }
+    }
+
+    /// Spends its photons on what is seen.
+    fn weigh(&mut self, world: &World, settings: &CausticSettings) {
+        self.rays += worth::weigh(world, settings, &mut self.lights);
+        self.is_weighed = true;
     }
 
     /// Everything to be followed in a pass. Even and odd passes draw from sequences of their own: the two halves of a film must

@@ -211,11 +211,13 @@ fn is_seen(world: &World, view: &View, (p, normal): (Vec3, Vec3)) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use glam::{DAffine3, DVec3};
 
     use super::{
         super::{
-            CausticLight, Emission, photons_of_a_pass,
+            CausticLight, Caustics, Emission, photons_of_a_pass,
             tests::{clear_glass, world_of},
         },
         *,
@@ -326,5 +328,34 @@ mod tests {
         for (blind, seen) in photons_of(&blind).into_iter().zip(photons_of(&seen)) {
             assert!(seen > 0.9 * blind, "{seen} for {blind}");
         }
+    }
+
+    /// First passes that are waited for take no tries; those after them are as if there had been none.
+    #[test]
+    fn what_is_seen_counts_from_the_second_pass_on_where_the_first_is_waited_for() {
+        let (world, view) = room_under_glass();
+        let by_flux = CausticSettings { photons_max: 8_192, ..CausticSettings::of(1 << 14, None, 3) };
+        let seen = CausticSettings { seen_by: Some(view), ..by_flux };
+        let maps = |settings: CausticSettings, passes: &[u32]| -> Vec<Vec<f32>> {
+            let mut caustics = Caustics::new(settings);
+            let map_of = |&pass: &u32| {
+                assert!(caustics.prepare(&world, pass, &AtomicBool::new(false)).complete);
+                let map = caustics.map().unwrap();
+                let of_floor = |i: u32| {
+                    let from =
+                        DVec3::new(f64::from(i % 16) * 0.24 - 1.8, 0.5, f64::from(i / 16) * 0.24 - 1.8);
+                    let ray = Ray::new(world.accel().to_render(from), Vec3::NEG_Y);
+                    let floor = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+                    map.scattered(&floor, Vec3::Y, u32::MAX).diffuse.g
+                };
+                (0..256).map(of_floor).collect()
+            };
+            passes.iter().map(map_of).collect()
+        };
+        let [blind, weighed] = [by_flux, seen].map(|settings| maps(settings, &[0]).remove(0));
+        let waited_for = maps(CausticSettings { passes_by_flux: 1, ..seen }, &[0, 1, 2]);
+        assert!(waited_for[0] == blind && blind != weighed);
+        assert!(waited_for[1..] == maps(seen, &[1, 2]));
+        assert!(waited_for[1].iter().any(|light| *light > 0.0));
     }
 }
