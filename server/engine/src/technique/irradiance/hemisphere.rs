@@ -15,6 +15,7 @@ use super::{
     IrradianceSettings, Strata,
     hints::Hints,
     horizon::{Horizon, LowHits},
+    overhang::overhang_m,
     record::Gradient,
     sight::Sight,
     walk::Seen,
@@ -47,6 +48,8 @@ pub(super) struct Hemisphere {
     sight: Sight,
     /// What the lowest of them met.
     horizon: Horizon,
+    /// The way over which light may be gone because something hangs over the surface, m.
+    overhang_m: f32,
     deviation: f32,
 }
 
@@ -208,7 +211,8 @@ impl<'a> Gathering<'a> {
         self.due = [self.aims(0, &of_second), self.aims(1, &of_first)];
     }
 
-    fn end(self) -> Hemisphere {
+    /// - `visit`: only the first asks what hangs over the surface
+    fn end(self, world: &World, visit: u32, counts: &mut Counts) -> Hemisphere {
         let [first, second] = &self.halves;
         let cells = 0..self.strata.count();
         let radiance =
@@ -224,7 +228,7 @@ impl<'a> Gathering<'a> {
         let deviation = 0.5 * (irradiance_of(first) - irradiance_of(second)).abs();
         let nearness = cells.clone().map(|cell| mean_of(|half| &half.nearness_sum, cell)).collect();
         let before: f32 = cells.clone().map(|cell| mean_of(|half| &half.before_sum, cell)).sum();
-        Hemisphere {
+        let mut hemisphere = Hemisphere {
             frame: self.frame,
             strata: self.strata,
             radiance,
@@ -232,8 +236,17 @@ impl<'a> Gathering<'a> {
             before_share: before / cells.len() as f32,
             sight: self.sight,
             horizon: self.low_hits.horizon(),
+            overhang_m: f32::INFINITY,
             deviation,
+        };
+        if visit == 0 {
+            let limit_m = hemisphere.harmonic_mean_m(world.accel().radius());
+            let on = (self.point, &self.plane);
+            let (overhang_m, rays) = overhang_m(world, on, self.low_hits.places(), limit_m);
+            counts.rays += rays;
+            hemisphere.overhang_m = overhang_m;
         }
+        hemisphere
     }
 
     /// Cells that the other half is to look at again, each as often as it takes, at most so many rays: those that most differ
@@ -320,7 +333,7 @@ impl Hemisphere {
                 }
             });
         }
-        Some(all.into_iter().map(Gathering::end).collect())
+        Some(all.into_iter().map(|gathering| gathering.end(world, visit, counts)).collect())
     }
 
     /// Directions in the surface's plane: of an angle in sectors, and across it.
@@ -336,6 +349,11 @@ impl Hemisphere {
 
     pub(super) fn horizon(&self) -> Horizon {
         self.horizon
+    }
+
+    /// The way over which light may be gone because something hangs over the surface, m; infinite where nothing does, or was asked.
+    pub(super) fn overhang_m(&self) -> f32 {
+        self.overhang_m
     }
 
     /// Standard deviation of the mean irradiance of the channels, as its two halves tell it, W/m²; its square is as good as right in the

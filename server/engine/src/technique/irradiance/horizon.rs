@@ -109,6 +109,14 @@ impl LowHits {
         }
     }
 
+    /// Those hits, in the frame around the triangle's normal, m.
+    pub(super) fn places(&self) -> impl Iterator<Item = Vec3> {
+        self.bins.iter().filter_map(|bin| match *bin {
+            Bin::Met { at, rise } => Some(at.extend(rise * at.length())),
+            Bin::Unknown | Bin::Open => None,
+        })
+    }
+
     pub(super) fn horizon(&self) -> Horizon {
         let known: Vec<Nearest> = self
             .bins

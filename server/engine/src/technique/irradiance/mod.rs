@@ -15,6 +15,7 @@ mod hemisphere;
 mod hints;
 mod horizon;
 mod index;
+mod overhang;
 mod record;
 mod sight;
 mod splat;
@@ -129,7 +130,7 @@ impl IrradianceSettings {
     /// How far a record counts at least, m.
     ///
     /// - `pixel_m`: width of a pixel where it is seen
-    /// - `all_gone_m`: the way over which its gradient would take all of its light away; infinite where it is even
+    /// - `all_gone_m`: the way over which all of its light may be gone; infinite where it is even
     fn reach_min_m(&self, pixel_m: f32, all_gone_m: f32) -> f32 {
         let whole_m = self.pixels_min * pixel_m;
         whole_m.min((STEEP_SHARE * all_gone_m).max(whole_m / STEEP_FINER_MAX))

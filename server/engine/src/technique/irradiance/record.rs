@@ -198,7 +198,7 @@ impl Record {
     }
 
     /// Of the hemisphere above a point, and how far it counts. Where the light changes faster than the distances around say, it counts
-    /// less far: never so far that its gradient would take all of its light away.
+    /// less far: never so far that its gradient would take all of its light away, or in under what hangs over the surface.
     fn of(
         world: &World,
         seen: &Seen,
@@ -217,7 +217,7 @@ impl Record {
             moving: hemisphere.moving(),
             horizon: hemisphere.horizon(),
         };
-        let all_gone_m = record.all_gone_m();
+        let all_gone_m = record.all_gone_m().min(hemisphere.overhang_m());
         record.radius_m = record.radius_m.min(all_gone_m);
         record.reach_min_m = settings.reach_min_m(seen.pixel_m, all_gone_m);
         let extent = Extent { radius_m: record.radius_m, all_gone_m };
@@ -305,7 +305,7 @@ impl WeighedLight {
 pub(super) struct Extent {
     /// Harmonic mean distance to what is seen, or less where its gradient asks for it, m.
     pub(super) radius_m: f32,
-    /// The way over which its gradient would take all of its light away, m; infinite where it is even.
+    /// The way over which its gradient, or what hangs over it, would take all of its light away, m; infinite where it is even.
     pub(super) all_gone_m: f32,
 }
 

@@ -50,7 +50,7 @@ fn splats_say_what_look_ups_say() {
             caching.look(key, camera, size);
         });
         let (mut answered, mut looked_up) = (0, 0);
-        for steps in [1, 4, 40, usize::MAX] {
+        for steps in [1, 4, 80, usize::MAX] {
             match steps {
                 usize::MAX => finish(&mut caching, &world),
                 _ => (0..steps).for_each(|_| step_once(&mut caching, &world)),
