@@ -141,7 +141,7 @@ def main():
     parser.add_argument("--timeout", type=float, default=30.0, help="seconds to wait for a message")
     options = parser.parse_args()
     try:
-        from websockets.exceptions import WebSocketException
+        from websockets.exceptions import InvalidStatus, WebSocketException
         from websockets.sync.client import connect
     except ImportError as error:
         sys.exit(f"{error}: pip install websockets pillow")
@@ -157,6 +157,10 @@ def main():
         if options.out and canvas is not None:
             canvas.save(options.out)
             print(f"saved {options.out}")
+    except InvalidStatus as error:
+        # The reason is a problem document [RFC 9457].
+        reason = (error.response.body or b"").decode(errors="replace")
+        sys.exit(f"example_client.py: {url}: {error.response.status_code} {reason}")
     except (Refused, OSError, ValueError, KeyError, WebSocketException, urllib.error.URLError) as error:
         sys.exit(f"example_client.py: {type(error).__name__}: {error}")
 

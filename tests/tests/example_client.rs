@@ -102,7 +102,7 @@ fn the_example_client_says_what_is_wrong_and_fails() {
     let Some(python) = python() else { return };
     let server = Server::start::<&str>(&[]);
     let cases: [(&[&str], &str); 3] = [
-        (&["--scene", "no-such-scene"], "404"),
+        (&["--scene", "no-such-scene"], "there is no scene \"no-such-scene\""),
         (&["--camera", "no-such-camera"], "no-such-camera"),
         (&["--size", "64x0"], "size"),
     ];

@@ -8,9 +8,11 @@ use super::arguments::EXPOSURE_MAX;
 const GREY: f32 = 0.18;
 /// Stops from there from which on a picture counts as dark or blown out: without a tone map sRGB shows so little as 34 of 255.
 const STOPS_OFF: f32 = 3.5;
+/// Share of a picture that is lit at least for it to count as too bright: specks of light that few samples find say nothing of the rest.
+const LIT_SHARE: f32 = 0.1;
 
 /// Says which exposure would show a picture whose lit pixels are, half of them, far too dark or far too bright; nothing where they are not,
-/// and where no pixel is lit.
+/// where no pixel is lit, and where the bright ones are few.
 ///
 /// - `exposure_ev`: that it was shown with, stops
 pub(super) fn hint(radiance: &[Rgb], exposure_ev: f32) -> Option<String> {
@@ -22,7 +24,8 @@ pub(super) fn hint(radiance: &[Rgb], exposure_ev: f32) -> Option<String> {
     let off = better - exposure_ev;
     // Rounded to halves, without a sign before zero.
     let better = (2.0 * better).round() / 2.0 + 0.0;
-    (off.abs() > STOPS_OFF && better.abs() <= EXPOSURE_MAX).then(|| {
+    let shows = off > 0.0 || luminances.len() as f32 >= LIT_SHARE * radiance.len() as f32;
+    (shows && off.abs() > STOPS_OFF && better.abs() <= EXPOSURE_MAX).then(|| {
         let how = if off > 0.0 { "dark" } else { "bright" };
         format!("most of the picture is too {how} to see much; --exposure {better} would show it")
     })
@@ -52,6 +55,10 @@ mod tests {
         // With the exposure that was named there is nothing to say, far beyond it there is.
         assert_eq!(hint(&pixels(180.0, 1e4), -10.0), None);
         assert!(told(&pixels(0.18, 0.18), 7.0).contains("bright"));
+        // Specks in the dark.
+        let specks = |count: usize| [vec![Rgb::splat(50.0); count], vec![Rgb::BLACK; 1_000]].concat();
+        assert_eq!(hint(&specks(20), 0.0), None);
+        assert!(told(&specks(200), 0.0).contains("bright"));
         // Nothing to see, and what no exposure shows.
         assert_eq!(hint(&[Rgb::BLACK; 9], 0.0), None);
         assert_eq!(hint(&[], 0.0), None);
