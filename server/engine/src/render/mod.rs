@@ -371,6 +371,9 @@ impl Rendering {
         if !prepared.complete {
             return prepared;
         }
+        if self.caustics.as_mut().is_some_and(|caustics| self.technique.asks() && caustics.takes_back()) {
+            self.film.outdate(&[PathClass::Caustic], Outdated::Wrong);
+        }
         let on_gpu = if is_for_cpu { None } else { self.draw_on_gpu(&mut products, cancel) };
         let progress = on_gpu.unwrap_or_else(|| {
             let of = (&*self.world, &self.view);

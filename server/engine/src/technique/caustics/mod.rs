@@ -161,6 +161,8 @@ pub struct Caustics {
     pilot: Option<Arc<Pilot>>,
     /// The pass that is being made, or was made last.
     pass: Option<Pass>,
+    /// Passes were made by flux alone, and those from now on show more.
+    is_outdone: bool,
     report: CausticReport,
 }
 
@@ -238,7 +240,7 @@ impl Caustics {
     /// No map yet.
     pub fn new(settings: CausticSettings) -> Caustics {
         let (collected, report) = (Some(Vec::new()), CausticReport::default());
-        Caustics { settings, emission: None, collected, pilot: None, pass: None, report }
+        Caustics { settings, emission: None, collected, pilot: None, pass: None, is_outdone: false, report }
     }
 
     /// What it took and holds.
@@ -251,6 +253,11 @@ impl Caustics {
         self.pass.as_ref()?.map.clone().map(|map| map as _)
     }
 
+    /// What passes before that of the [map](Caustics::map) have shown is to be replaced: it was blurred over much more. True once.
+    pub fn takes_back(&mut self) -> bool {
+        std::mem::take(&mut self.is_outdone)
+    }
+
     /// Makes the map of pass `number`, unless it is there. What was done stays when it is cancelled: asked again for the same
     /// pass, it goes on. The map does not depend on how often that was.
     pub fn prepare(&mut self, world: &World, number: u32, cancel: &AtomicBool) -> Progress {
@@ -260,9 +267,12 @@ impl Caustics {
         let start = Instant::now();
         let emission = self.emission.get_or_insert_with(|| Emission::by_flux(world, &self.settings));
         if !emission.is_weighed && number >= self.settings.passes_by_flux {
-            emission.weigh(world, &self.settings);
-            // They lie closer elsewhere.
-            (self.collected, self.pilot) = (Some(Vec::new()), None);
+            let has_passes = self.pass.is_some();
+            if emission.weigh(world, &self.settings) {
+                // They lie closer elsewhere.
+                (self.collected, self.pilot) = (Some(Vec::new()), None);
+                self.is_outdone = has_passes;
+            }
         }
         if emission.lights.is_empty() {
             return Progress { complete: true, ..Progress::default() };
@@ -383,10 +393,12 @@ impl Emission {
         Emission { least_extent_m, lights, is_weighed: false, rays: 0 }
     }
 
-    /// Spends its photons on what is seen.
-    fn weigh(&mut self, world: &World, settings: &CausticSettings) {
-        self.rays += worth::weigh(world, settings, &mut self.lights);
+    /// Spends its photons on what is seen. Returns whether that changes anything.
+    fn weigh(&mut self, world: &World, settings: &CausticSettings) -> bool {
+        let weighed = worth::weigh(world, settings, &mut self.lights);
+        self.rays += weighed.rays;
         self.is_weighed = true;
+        weighed.is_changed
     }
 
     /// Everything to be followed in a pass. Even and odd passes draw from sequences of their own: the two halves of a film must

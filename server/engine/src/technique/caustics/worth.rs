@@ -39,14 +39,24 @@ const WEIGHT_LEAST: f32 = 1e-6;
 /// What a ray from the eye meets so close to a photon, in shares of its length, is where the photon lies.
 const NEAR: f32 = 0.01;
 
+/// What came of weighing.
+pub(super) struct Weighed {
+    /// That it took.
+    pub(super) rays: u64,
+    /// Photons go elsewhere than by flux alone.
+    pub(super) is_changed: bool,
+}
+
 /// Weighs the spheres that lights are aimed at by what is seen of them, and shares the photons of a pass out to the lights: no more than
-/// [`CausticSettings::photons_end`]. Returns how many rays that took.
+/// [`CausticSettings::photons_end`].
 ///
 /// - `lights`: aimed at the same spheres each, with as many photons as their flux there asks for
-pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [AimedLight]) -> u64 {
+pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [AimedLight]) -> Weighed {
     let pairs = lights.iter().map(|light| light.aim.spheres.len()).sum::<usize>();
     let tries = TRIES_OF_ALL / pairs.max(1);
-    let Some(view) = settings.seen_by.filter(|_| tries >= TRIES_LEAST) else { return 0 };
+    let Some(view) = settings.seen_by.filter(|_| tries >= TRIES_LEAST) else {
+        return Weighed { rays: 0, is_changed: false };
+    };
     let bounces_max = settings.bounces_max.map_or(BOUNCES_TRIED, |bounces| bounces.min(BOUNCES_TRIED));
     let of_tries = CausticSettings { bounces_max: Some(bounces_max), ..*settings };
     let tracer = CausticTracer { world, settings: &of_tries };
@@ -61,7 +71,7 @@ pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [Aim
     let followed = |which: usize| tried.iter().flatten().map(|tried| tried.followed[which]).sum::<u64>();
     let is_to_and_fro = followed(1) > followed(0) * u64::from(BOUNCES_TRIED / 2);
     if is_to_and_fro || !(seen > 0.0 && seen.is_finite() && count > 0.0) {
-        return rays;
+        return Weighed { rays, is_changed: false };
     }
     // Photons for every sphere, by flux and by what is seen.
     let wanted_of = |(light, tried): (&AimedLight, &Vec<Tried>)| -> Vec<[f64; 2]> {
@@ -96,7 +106,7 @@ pub(super) fn weigh(world: &World, settings: &CausticSettings, lights: &mut [Aim
             });
         }
     }
-    rays + straight_rays
+    Weighed { rays: rays + straight_rays, is_changed: true }
 }
 
 /// What came of photons aimed at one sphere.
@@ -357,5 +367,21 @@ mod tests {
         assert!(waited_for[0] == blind && blind != weighed);
         assert!(waited_for[1..] == maps(seen, &[1, 2]));
         assert!(waited_for[1].iter().any(|light| *light > 0.0));
+        // What the first has shown is taken back once, where those after it show more.
+        let taken_back = |settings: CausticSettings| -> Vec<bool> {
+            let mut caustics = Caustics::new(settings);
+            let after = |pass: u32| {
+                // Cut short first: what was found out by then stays.
+                for cancelled in [true, false] {
+                    caustics.prepare(&world, pass, &AtomicBool::new(cancelled));
+                }
+                caustics.takes_back()
+            };
+            (0..3).map(after).collect()
+        };
+        assert_eq!(taken_back(CausticSettings { passes_by_flux: 1, ..seen }), [false, true, false]);
+        for settings in [seen, by_flux, CausticSettings { passes_by_flux: 1, ..by_flux }] {
+            assert_eq!(taken_back(settings), [false; 3]);
+        }
     }
 }

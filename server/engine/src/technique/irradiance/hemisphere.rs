@@ -31,6 +31,9 @@ use crate::{
 const NEAREST: f32 = 1e-6;
 /// More rays than any setting sends: keeps shares of them finite where no noise is allowed.
 const RAYS_WANTED_MAX: f32 = 1e9;
+/// What hangs over a surface is looked for as far as records count, or over so many pixels where that is more: of eight that the roughest count over by
+/// pixels, steep light takes none away from there on. No round's own number: how far a record counts is not to depend on when it was made.
+const OVERHANG_PIXELS: f32 = 14.0;
 /// Apart from those of the eye's paths.
 const GATHER_SEQUENCE: u32 = 0x6761;
 
@@ -89,6 +92,8 @@ impl Half {
 /// A hemisphere that is being sampled, in two rounds: through every cell, and where that shows uneven light.
 struct Gathering<'a> {
     point: &'a SurfacePoint,
+    /// Width of a pixel where it is seen, m.
+    pixel_m: f32,
     /// Of the triangle, on the side that receives.
     plane: Frame,
     frame: Frame,
@@ -126,7 +131,7 @@ impl<'a> Gathering<'a> {
         visit: u32,
         guide: Option<&Guide>,
     ) -> Gathering<'a> {
-        let Seen { point, facing, .. } = seen;
+        let Seen { point, facing, pixel_m } = seen;
         let (strata, frame) = (settings.strata(), Frame::around(facing.normal));
         // A record depends on its place and on what is known of the light alone, not on when it was made.
         let place = point.position.to_array().map(f32::to_bits).into_iter().chain([visit]);
@@ -134,6 +139,7 @@ impl<'a> Gathering<'a> {
         let cells: Vec<usize> = (0..strata.count()).collect();
         let mut gathering = Gathering {
             point,
+            pixel_m: *pixel_m,
             plane: Frame::around(facing.n_geo),
             frame,
             strata,
@@ -211,8 +217,10 @@ impl<'a> Gathering<'a> {
         self.due = [self.aims(0, &of_second), self.aims(1, &of_first)];
     }
 
-    /// - `visit`: only the first asks what hangs over the surface
-    fn end(self, world: &World, visit: u32, counts: &mut Counts) -> Hemisphere {
+    /// The hemisphere, and the rays that it took to find what hangs over the surface.
+    ///
+    /// - `visit`: only the first asks for that
+    fn end(self, world: &World, visit: u32) -> (Hemisphere, u64) {
         let [first, second] = &self.halves;
         let cells = 0..self.strata.count();
         let radiance =
@@ -239,14 +247,15 @@ impl<'a> Gathering<'a> {
             overhang_m: f32::INFINITY,
             deviation,
         };
-        if visit == 0 {
-            let limit_m = hemisphere.harmonic_mean_m(world.accel().radius());
-            let on = (self.point, &self.plane);
-            let (overhang_m, rays) = overhang_m(world, on, self.low_hits.places(), limit_m);
-            counts.rays += rays;
-            hemisphere.overhang_m = overhang_m;
+        if visit > 0 {
+            return (hemisphere, 0);
         }
-        hemisphere
+        let farthest_m = OVERHANG_PIXELS * self.pixel_m;
+        let limit_m = hemisphere.harmonic_mean_m(world.accel().radius()).max(farthest_m);
+        let on = (self.point, &self.plane);
+        let (found_m, rays) = overhang_m(world, on, self.low_hits.places(), limit_m);
+        hemisphere.overhang_m = found_m.max(self.nearest_m);
+        (hemisphere, rays)
     }
 
     /// Cells that the other half is to look at again, each as often as it takes, at most so many rays: those that most differ
@@ -333,7 +342,10 @@ impl Hemisphere {
                 }
             });
         }
-        Some(all.into_iter().map(|gathering| gathering.end(world, visit, counts)).collect())
+        let ended: Vec<(Hemisphere, u64)> =
+            all.into_par_iter().map(|gathering| gathering.end(world, visit)).collect();
+        counts.rays += ended.iter().map(|(_, rays)| rays).sum::<u64>();
+        Some(ended.into_iter().map(|(hemisphere, _)| hemisphere).collect())
     }
 
     /// Directions in the surface's plane: of an angle in sectors, and across it.

@@ -35,7 +35,7 @@ pub struct Record {
     pub irradiance: Rgb,
     /// See [`Record::coat_rise`], in 65,535ths.
     pub(super) coat_rise: u16,
-    /// Harmonic mean distance to what is seen from here, or less where neighbours or gradients ask for it, m.
+    /// Harmonic mean distance to what is seen from here, or less where neighbours, gradients or what hangs over it ask for it, m.
     pub radius_m: f32,
     /// It counts as far as this at least, m: over some pixels of where it was first seen, or fewer where neighbours were seen from nearer, or
     /// its light changes much over them.
@@ -303,7 +303,7 @@ impl WeighedLight {
 /// How far a record counts by itself.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
-    /// Harmonic mean distance to what is seen, or less where its gradient asks for it, m.
+    /// Harmonic mean distance to what is seen, or less where its gradient or what hangs over it asks for it, m.
     pub(super) radius_m: f32,
     /// The way over which its gradient, or what hangs over it, would take all of its light away, m; infinite where it is even.
     pub(super) all_gone_m: f32,
