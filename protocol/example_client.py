@@ -158,9 +158,12 @@ def main():
             canvas.save(options.out)
             print(f"saved {options.out}")
     except InvalidStatus as error:
-        # The reason is a problem document [RFC 9457].
-        reason = (error.response.body or b"").decode(errors="replace")
-        sys.exit(f"example_client.py: {url}: {error.response.status_code} {reason}")
+        # The reason is a problem document [RFC 9457], unless something else than Lumicast answered.
+        try:
+            reason = json.loads(error.response.body)["detail"]
+        except (ValueError, KeyError, TypeError):
+            reason = error
+        sys.exit(f"example_client.py: {url}: {error.response.status_code}: {reason}")
     except (Refused, OSError, ValueError, KeyError, WebSocketException, urllib.error.URLError) as error:
         sys.exit(f"example_client.py: {type(error).__name__}: {error}")
 

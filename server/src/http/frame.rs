@@ -9,6 +9,7 @@ use axum::extract::{Path, Query, State};
 use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use lumicast_engine::film::{PictureSize, ToneMap};
+use lumicast_engine::render::Indirect;
 use lumicast_protocol::{Accuracy, Preset, ProblemKind};
 use serde::Deserialize;
 use std::time::Duration;
@@ -22,11 +23,12 @@ pub(super) struct FrameQuery {
     format: Option<String>,
     error: Option<String>,
     time: Option<String>,
+    technique: Option<String>,
     tone_map: Option<String>,
     exposure_ev: Option<f32>,
 }
 
-/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`), and learns together with those that are being drawn.
+/// Draws one picture of the scene as it is now, by the best chain of techniques, as viewers see it with `auto`, or by one of them. It is done at `error` or after `time`, whatever comes first; with `error` alone after `frame_seconds_max` of the settings at the latest, with neither after `frame_seconds`. It begins with what the scene keeps of its light from the last who looked at it, or asked for a picture, if nobody looks now (`kept_light_s`), and learns together with those that are being drawn.
 #[utoipa::path(get, path = "/v1/scenes/{id}/frame", tag = "pictures",
     params(
         ("id" = String, Path, description = "Scene"),
@@ -35,6 +37,7 @@ pub(super) struct FrameQuery {
         ("format" = Option<String>, Query, description = "png (default), jpeg, or exr: linear radiance"),
         ("error" = Option<String>, Query, description = "√relMSE at which it is done, as a fraction or in percent, such as 0.02 or 2%: measured, the upper end of its 95 % interval not a tenth above, and found so again at pixels taken afresh; converged: only `time` and the server's limits end it"),
         ("time" = Option<String>, Query, description = "Time after which it is done, seconds where no unit is said: 2, 2s, 500ms or 1m"),
+        ("technique" = Option<String>, Query, description = "Of indirect light: auto (default), octree, irradiance, path or none"),
         ("tone_map" = Option<String>, Query, description = "linear, reinhard, aces (default) or agx; not for exr"),
         ("exposure_ev" = Option<f32>, Query, description = "Stops, −32 to 32; not for exr")),
     responses(
@@ -118,11 +121,18 @@ fn request_of(query: FrameQuery, config: &Config) -> Result<PictureRequest, Http
             Some("exr") => PictureFormat::Exr,
             Some(format) => return Err(bad("format", format, "png, jpeg or exr")),
         },
+        technique: query.technique.map_or(Ok(Indirect::Auto), |name| technique_of(&name))?,
         until: until_of(query.error.as_deref(), query.time.as_deref(), config)?,
         tone_map,
         exposure_ev,
         camera: query.camera,
     })
+}
+
+fn technique_of(name: &str) -> Result<Indirect, HttpProblem> {
+    let is_meant = |technique: &Indirect| technique.name() == name;
+    let known = || Indirect::ALL.map(Indirect::name).join(", ");
+    Indirect::ALL.into_iter().find(is_meant).ok_or_else(|| bad("technique", name, known()))
 }
 
 fn size_of(text: &str, config: &Config) -> Result<PictureSize, HttpProblem> {

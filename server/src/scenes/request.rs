@@ -1,5 +1,5 @@
 //! Single pictures for `GET frame`: drawn by the render thread in turn with the viewers, each with a film of its own, by the best
-//! chain there is. They learn of the light by themselves, or together with others that are drawn at once (`request/shared.rs`), in the
+//! chain there is or a technique that is named. They learn of the light by themselves, or together with others that are drawn at once (`request/shared.rs`), in the
 //! time they have, and go on with what the scene keeps of it from the last who looked; what they know in the end is kept in turn.
 
 mod shared;
@@ -18,8 +18,6 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
-/// What draws them.
-const INDIRECT: Indirect = Indirect::Auto;
 /// Share of the longest time after which nothing more is learnt, so that what is known by then is seen by some samples.
 const LEARNING_SHARE: f64 = 0.9;
 
@@ -74,6 +72,8 @@ pub struct PictureRequest {
     pub size: Option<PictureSize>,
     /// File format.
     pub format: PictureFormat,
+    /// Of indirect light.
+    pub technique: Indirect,
     /// When it is done.
     pub until: Until,
     /// Tone map and exposure; not for EXR.
@@ -199,7 +199,7 @@ impl Drawing {
         let started = Instant::now();
         let learns_until = started + seconds.mul_f64(LEARNING_SHARE);
         let settings = RenderSettings {
-            indirect: INDIRECT,
+            indirect: job.request.technique,
             seed: config.seed,
             learning: Learning::Alongside { until: Some(learns_until) },
             measuring: config.measuring(),

@@ -169,6 +169,7 @@ async fn a_picture_can_be_asked_for() {
         ("size=0x8", "parameter `size` is \"0x8\": WxH from 1x1 to"),
         ("tone_map=filmic", "parameter `tone_map` is \"filmic\": linear, reinhard, aces, agx"),
         ("error=5", "did you mean 5%25?"),
+        ("technique=lightmap", "parameter `technique` is \"lightmap\": auto, octree, irradiance, path, none"),
         ("tim=5", "query: tim: unknown field `tim`, expected one of"),
     ] {
         let reply = server.get(&format!("{BOX}/frame?{bad}")).await;
@@ -176,6 +177,27 @@ async fn a_picture_can_be_asked_for() {
         let detail = problem["detail"].as_str().unwrap();
         assert!(detail.contains(told), "{bad}: {detail}");
     }
+    server.stop().await;
+}
+
+/// The light between surfaces comes by whichever technique is named, and alike; by none it is missing.
+#[tokio::test]
+async fn a_picture_is_by_the_technique_that_is_named() {
+    let server = Server::start(|_| {}).await;
+    let mean = async |technique: &str| {
+        let path = format!("{BOX}/frame?size=64x48&format=png&time=1&tone_map=linear&technique={technique}");
+        let picture = server.get(&path).await;
+        assert_eq!(picture.status, 200, "{technique}");
+        let shown = image::load_from_memory(&picture.body).unwrap().to_rgb8();
+        shown.iter().map(|value| f64::from(*value)).sum::<f64>() / shown.len() as f64
+    };
+    let auto = mean("auto").await;
+    for technique in ["octree", "irradiance", "path"] {
+        let by = mean(technique).await;
+        assert!((by / auto - 1.0).abs() < 0.03, "{technique}: {by} for {auto}");
+    }
+    let none = mean("none").await;
+    assert!(none < 0.9 * auto, "{none} for {auto}");
     server.stop().await;
 }
 

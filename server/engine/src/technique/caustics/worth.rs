@@ -6,7 +6,7 @@
 //! goes by flux, since few tries miss what is rare, and mirrors and glass show what is not seen straight; where the other half is spent
 //! otherwise there are as many more, so that nothing gets less than half of what it would by flux alone, and what is seldom seen hardly less. And where
 //! what is seen is lit by them and hardly straight by anything, such as a room by the sun through panes, there are as many as there may be,
-//! however little of all light that is.
+//! however little of all light that is. First maps that somebody waits for go without ([`CausticSettings::passes_by_flux`]).
 
 use glam::Vec3;
 use rayon::prelude::*;

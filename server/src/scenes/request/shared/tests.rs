@@ -5,6 +5,7 @@ use crate::scenes::request::{Job, PictureFormat, PictureRequest, Until};
 use crate::scenes::{Snapshot, Workshop};
 use lumicast_engine::effects::EffectPlan;
 use lumicast_engine::film::{PictureSize, ToneMap};
+use lumicast_engine::render::Indirect;
 use lumicast_engine::scene::samples;
 use lumicast_engine::transport::World;
 use std::sync::Arc;
@@ -43,6 +44,7 @@ impl Studio {
             camera: None,
             size: None,
             format: PictureFormat::Png,
+            technique: Indirect::Auto,
             until,
             tone_map: ToneMap::default(),
             exposure_ev: 0.0,
