@@ -104,8 +104,9 @@ mod tests {
             beneath += usize::from([0.28, 0.5, 0.8].into_iter().any(counts_at));
             assert!(counts_at(x - 0.1), "{x}, {z}");
         }
-        // Of few rays none may have gone there, or only some that met it far in. Else all do.
-        assert!(beneath <= 25, "{beneath} of 100 count beneath");
+        // Of few rays none may have gone there, or only some that met it far in: 13. By the horizon alone, which hides what lies right behind
+        // low hits, 33.
+        assert!(beneath <= 20, "{beneath} of 100 count beneath");
     }
 
     /// Walls, and the inside of a vault of few flat sides, hang over nothing; a board does, at any size, and no ray is followed again for what is
