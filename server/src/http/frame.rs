@@ -2,6 +2,7 @@
 
 use super::{HttpProblem, Service};
 use crate::config::Config;
+use crate::convert;
 use crate::duration::parse_duration;
 use crate::scenes::{PictureFormat, PictureRequest, Until};
 use axum::extract::rejection::QueryRejection;
@@ -10,7 +11,7 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 use lumicast_engine::film::{PictureSize, ToneMap};
 use lumicast_engine::render::Indirect;
-use lumicast_protocol::{Accuracy, Preset, ProblemKind};
+use lumicast_protocol::{Accuracy, Preset, ProblemKind, Technique};
 use serde::Deserialize;
 use std::time::Duration;
 
@@ -130,9 +131,12 @@ fn request_of(query: FrameQuery, config: &Config) -> Result<PictureRequest, Http
 }
 
 fn technique_of(name: &str) -> Result<Indirect, HttpProblem> {
-    let is_meant = |technique: &Indirect| technique.name() == name;
-    let known = || Indirect::ALL.map(Indirect::name).join(", ");
-    Indirect::ALL.into_iter().find(is_meant).ok_or_else(|| bad("technique", name, known()))
+    let is_meant = |technique: &Technique| technique.name() == name;
+    let known = || Technique::ALL.map(Technique::name).join(", ");
+    let technique =
+        Technique::ALL.into_iter().find(is_meant).ok_or_else(|| bad("technique", name, known()))?;
+    // Viewers are told the same of one that this server lacks.
+    Ok(convert::indirect(technique)?.0)
 }
 
 fn size_of(text: &str, config: &Config) -> Result<PictureSize, HttpProblem> {

@@ -169,7 +169,11 @@ async fn a_picture_can_be_asked_for() {
         ("size=0x8", "parameter `size` is \"0x8\": WxH from 1x1 to"),
         ("tone_map=filmic", "parameter `tone_map` is \"filmic\": linear, reinhard, aces, agx"),
         ("error=5", "did you mean 5%25?"),
-        ("technique=lightmap", "parameter `technique` is \"lightmap\": auto, octree, irradiance, path, none"),
+        (
+            "technique=fast",
+            "parameter `technique` is \"fast\": auto, octree, irradiance, lightmap, path, none",
+        ),
+        ("technique=lightmap", "not yet lightmap"),
         ("tim=5", "query: tim: unknown field `tim`, expected one of"),
     ] {
         let reply = server.get(&format!("{BOX}/frame?{bad}")).await;
