@@ -12,7 +12,7 @@ use lumicast_engine::effects::{EffectChoice, EffectChoices};
 use lumicast_engine::film::PictureSize;
 use lumicast_engine::math::{Rgb, sobol};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
-use lumicast_engine::scene::samples::{Stage, cuboid, quad, sphere};
+use lumicast_engine::scene::samples::{self, Stage, cuboid, quad, sphere};
 use lumicast_engine::scene::{CameraView, Light, LightKind, Material, Scene};
 use lumicast_engine::transport::World;
 use lumicast_tests::{compare_layers, mean, picture, shared_folder};
@@ -106,6 +106,18 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
+}
+
+/// The same of a room with a pane in its window, under the sun and a sky: path tracing finds both behind it by light sampling, and what is
+/// looked up leaves them to that.
+#[test]
+fn light_through_panes_adds_up_to_the_path_tracer_layer_by_layer() {
+    let world = Arc::new(World::prepare(Arc::new(samples::glazed_room().expect("a scene"))));
+    for indirect in [Indirect::Octree, Indirect::Irradiance] {
+        let compared = compare_layers(&format!("{indirect:?}"), &world, indirect, PASSES);
+        assert!(compared.failures.is_empty(), "{}", compared.failures.join("\n"));
+        assert!(compared.caustic_share > 0.05, "{}", compared.caustic_share);
+    }
 }
 
 /// The same of the shared scenes, which take two minutes together: `LUMICAST_NIGHTLY=1` takes them all, `LUMICAST_SCENE` one.

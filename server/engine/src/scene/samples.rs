@@ -258,6 +258,20 @@ pub fn parted_rooms(emission: [f32; 2]) -> Result<Scene, SceneError> {
 /// A room of 4 × 2.5 × 4 m with a window and a box in it, on ground sixty metres wide, under an even sky and the sun; camera `main`,
 /// inside.
 pub fn room_on_ground() -> Result<Scene, SceneError> {
+    Ok(staged_room_on_ground()?.finish())
+}
+
+/// The same with a pane of clear glass, a centimetre thick, in the window.
+pub fn glazed_room() -> Result<Scene, SceneError> {
+    let mut stage = staged_room_on_ground()?;
+    let clear = Material { transmission: 1.0, roughness: 0.0, base_color: Rgb::WHITE, ..Material::default() };
+    let clear = stage.material("clear", clear)?;
+    let pane = cuboid(DVec3::new(2.09, 0.8, -0.9), DVec3::new(2.1, 2.1, 0.9), &clear);
+    stage.place("pane", pane, DAffine3::IDENTITY)?;
+    Ok(stage.finish())
+}
+
+fn staged_room_on_ground() -> Result<Stage, SceneError> {
     let mut stage = Stage::default();
     let wall = stage.material("wall", Material::lambert(Rgb::new(0.75, 0.75, 0.72)))?;
     let floor = stage.material("floor", Material::lambert(Rgb::new(0.5, 0.36, 0.24)))?;
@@ -285,7 +299,7 @@ pub fn room_on_ground() -> Result<Scene, SceneError> {
     stage.builder().set_environment(Environment::Constant(Rgb::new(0.7, 0.9, 1.2)))?;
     let main = CameraView::look_at(v(-1.8, 1.5, 1.6), v(0.8, 0.9, -0.5), DVec3::Y, 70f64.to_radians());
     stage.camera("main", main, 16.0 / 9.0)?;
-    Ok(stage.finish())
+    Ok(stage)
 }
 
 /// A closed box whose every face emits `emission` and reflects `albedo`: the radiance everywhere inside is

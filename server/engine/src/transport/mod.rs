@@ -8,6 +8,7 @@
 pub mod bsdf;
 mod flight;
 mod light;
+mod panes;
 mod path_class;
 mod surface;
 mod upload;
@@ -24,6 +25,7 @@ pub use light::{
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use light::{FEW, IMPORTANCE_MAX, LEVEL};
 pub(crate) use light::{LightsChange, change_of_lights};
+pub use panes::Passage;
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use upload::{

@@ -29,6 +29,8 @@ pub struct World {
     primitive_materials: Vec<Vec<u32>>,
     /// Some surface is cut by an alpha mask; without one, rays never ask.
     has_masks: bool,
+    /// Some surface is glass.
+    has_glass: bool,
     lights: Lights,
     /// `None` without an environment.
     openings: Option<Openings>,
@@ -83,6 +85,10 @@ impl World {
             .collect();
         let has_masks =
             primitive_materials.iter().flatten().any(|material| materials[*material as usize].is_masked());
+        let has_glass = primitive_materials
+            .iter()
+            .flatten()
+            .any(|material| materials[*material as usize].material().transmission > 0.0);
         let emission_of = |instance: usize, primitive: usize| {
             let material = &materials[primitive_materials[instance][primitive] as usize];
             let luminance = material.emission_luminance();
@@ -92,7 +98,17 @@ impl World {
         let nested_bounds = scene.nested_bounds();
         let has_sky = lights.has_environment();
         let openings = has_sky.then(|| Openings::of(&scene, nested_bounds.as_ref(), &accel)).flatten();
-        World { scene, accel, nested_bounds, materials, primitive_materials, has_masks, lights, openings }
+        World {
+            scene,
+            accel,
+            nested_bounds,
+            materials,
+            primitive_materials,
+            has_masks,
+            has_glass,
+            lights,
+            openings,
+        }
     }
 
     /// The scene.
@@ -200,6 +216,11 @@ impl World {
             .filter(|(_, index)| is_so(&self.materials[**index as usize]))
             .map(|(place, _)| place)
             .collect()
+    }
+
+    /// Some surface may let light through.
+    pub(in crate::transport) fn has_glass(&self) -> bool {
+        self.has_glass
     }
 
     fn is_present(&self, hit: &Hit) -> bool {

@@ -9,10 +9,10 @@ use std::f32::consts::{FRAC_1_PI, FRAC_2_PI};
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Sheet;
+use super::{CausticLight, Sheet};
 use crate::{
     math::Rgb,
-    technique::{FocusedLight, FocusedScatter, PackedFocused},
+    technique::{FocusedLight, FocusedScatter, LeftToSampling, PackedFocused},
     transport::{Bsdf, Surface},
 };
 
@@ -43,12 +43,18 @@ pub struct CausticPhoton {
     pub scatterings: u16,
     /// The triangle it fell on faces the other way.
     pub is_on_back: bool,
+    /// It came straight through panes from infinitely far, where light sampling finds it as well.
+    pub is_straight: bool,
 }
 
 /// The caustics of one pass.
 #[derive(Debug)]
 pub struct CausticMap {
-    pub(super) grids: Vec<Grid>,
+    grids: Vec<Grid>,
+    /// Of photons that came straight through panes. They are for who draws no light there.
+    straight: Vec<Grid>,
+    /// Of what photons there may be.
+    light: CausticLight,
 }
 
 /// Photons of about one radius, by the cells that their blurs reach.
@@ -70,20 +76,15 @@ pub(super) struct Grid {
 
 impl CausticMap {
     /// Of photons whose radii are known; those without any are left out.
-    pub(super) fn of(mut photons: Vec<CausticPhoton>) -> CausticMap {
+    pub(super) fn of(mut photons: Vec<CausticPhoton>, light: CausticLight) -> CausticMap {
         photons.retain(|photon| photon.radius_m > 0.0);
-        let radius_max_m = photons.iter().fold(0.0, |most: f32, photon| most.max(photon.radius_m));
-        let octave = |photon: &CausticPhoton| (radius_max_m / photon.radius_m).log2() as usize;
-        let mut octaves: Vec<Vec<CausticPhoton>> = Vec::new();
-        for photon in photons {
-            let octave = octave(&photon);
-            if octaves.len() <= octave {
-                octaves.resize(octave + 1, Vec::new());
-            }
-            octaves[octave].push(photon);
-        }
-        octaves.retain(|photons| !photons.is_empty());
-        CausticMap { grids: octaves.into_par_iter().map(Grid::of).collect() }
+        let (straight, others) = photons.into_iter().partition(|photon| photon.is_straight);
+        CausticMap { grids: grids_of(others), straight: grids_of(straight), light }
+    }
+
+    /// All grids, those of light that look-ups leave out as well.
+    pub(super) fn all_grids(&self) -> impl Iterator<Item = &Grid> {
+        self.grids.iter().chain(&self.straight)
     }
 
     /// Memory of photons and grids.
@@ -92,8 +93,24 @@ impl CausticMap {
             let of_photon = size_of::<CausticPhoton>() + size_of::<[f32; 4]>();
             grid.photons.len() * of_photon + (grid.starts.len() + grid.entries.len()) * size_of::<u32>()
         };
-        self.grids.iter().map(of_grid).sum()
+        self.all_grids().map(of_grid).sum()
     }
+}
+
+/// Each of photons of about one radius.
+fn grids_of(photons: Vec<CausticPhoton>) -> Vec<Grid> {
+    let radius_max_m = photons.iter().fold(0.0, |most: f32, photon| most.max(photon.radius_m));
+    let octave = |photon: &CausticPhoton| (radius_max_m / photon.radius_m).log2() as usize;
+    let mut octaves: Vec<Vec<CausticPhoton>> = Vec::new();
+    for photon in photons {
+        let octave = octave(&photon);
+        if octaves.len() <= octave {
+            octaves.resize(octave + 1, Vec::new());
+        }
+        octaves[octave].push(photon);
+    }
+    octaves.retain(|photons| !photons.is_empty());
+    octaves.into_par_iter().map(Grid::of).collect()
 }
 
 impl Grid {
@@ -220,6 +237,13 @@ impl FocusedLight for CausticMap {
             });
         }
         lit.scatter()
+    }
+
+    fn leaves(&self) -> LeftToSampling {
+        match self.light {
+            CausticLight::All => LeftToSampling::SunsAndSky,
+            CausticLight::Hidden => LeftToSampling::Suns,
+        }
     }
 
     fn packed(&self) -> Option<PackedFocused> {

@@ -323,7 +323,7 @@ impl Caustics {
         }
         pass.corrected = Some(corrected);
         if corrected == pass.photons.len() {
-            let map = CausticMap::of(std::mem::take(&mut pass.photons));
+            let map = CausticMap::of(std::mem::take(&mut pass.photons), self.settings.light);
             let collected = self.collected.as_ref().map_or(0, Vec::len) * size_of::<CausticPhoton>();
             self.report.bytes =
                 map.bytes() + self.pilot.as_ref().map_or(0, |pilot| pilot.bytes()) + collected;

@@ -7,9 +7,8 @@ use rayon::prelude::*;
 
 use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton, pilot::Sheet};
 use crate::{
-    accel::Ray,
-    math::{Rgb, sobol},
-    transport::{EmissionNumbers, Flight, SourceName, Surface, World},
+    math::sobol,
+    transport::{AimedPhoton, EmissionNumbers, Flight, Passage, Source, SourceName, Surface, World},
 };
 
 /// Share of what it began with that a photon carries until roulette may end it: a coat of varnish sends on a twentieth, and
@@ -126,25 +125,27 @@ impl CausticTracer<'_> {
         let numbers = emission_of(key, number);
         let Some(emitted) = self.world.emit_at(&light.source, &light.aim, &numbers) else { return 0 };
         let flux_w = emitted.flux_w * (1.0 / light.photon_count) as f32;
-        self.follow((emitted.ray, flux_w), (key, number), photons)
+        self.follow(&light.source, AimedPhoton { flux_w, ..emitted }, (key, number), photons)
     }
 
     /// Follows one photon and adds what falls on surfaces that show it. Returns how many rays that took.
     ///
-    /// - `begin`: its first ray, and what it carries, W
+    /// - `emitted`: its first ray, and what it carries, W
     /// - `named`: its sequence and its number in it
     pub(super) fn follow(
         &self,
-        begin: (Ray, Rgb),
+        source: &Source,
+        emitted: AimedPhoton,
         named: (u64, u32),
         photons: &mut Vec<CausticPhoton>,
     ) -> u64 {
         let four = |set: u32| four(named.0, set, named.1);
         let [_, chance, ..] = four(1);
-        let mut flight = Flight::begin(begin.0, begin.1);
+        let mut flight = Flight::begin(emitted.ray, emitted.flux_w);
         let faint = ROULETTE_SHARE * flight.weight.luminance();
         let bounces_end = self.settings.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END);
         let mut shown_count = 0;
+        let mut has_passed_alone = source.is_infinite();
         for bounce in 0..bounces_end {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
@@ -164,11 +165,15 @@ impl CausticTracer<'_> {
                         sheet: Sheet::of(hit.instance, self.world.primitive_of(&hit), faces),
                         scatterings: bounce as u16,
                         is_on_back: towards_light.dot(surface.point.n_geo) < 0.0,
+                        is_straight: has_passed_alone
+                            && Passage::is_straight([emitted.ray.direction, flight.ray.direction], bounce),
                     });
                 }
             }
             let [lobe, u, v, survival] = four(2 + bounce);
-            let drawn = surface.bsdf.sample_specular(surface.frame.to_local(towards_light), [lobe, u, v]);
+            let wo_local = surface.frame.to_local(towards_light);
+            let drawn = surface.bsdf.sample_specular(wo_local, [lobe, u, v]);
+            has_passed_alone &= drawn.is_some_and(|drawn| wo_local.z * drawn.wi.z < 0.0);
             // From a lobe with a width the light itself is sampled.
             let is_hidden = bounce > 0 || drawn.is_some_and(|drawn| drawn.pdf_solid_angle.is_none());
             let drawn = drawn.filter(|_| is_hidden || self.settings.light == CausticLight::All);

@@ -126,10 +126,23 @@ struct Path<'a> {
     sampler: &'a PixelSampler,
 }
 
+/// By which of its lobes a surface shows light that only mirrors and glass sent on before.
+#[derive(Clone, Copy)]
+struct ShownFocused {
+    is_diffuse: bool,
+    is_glossy: bool,
+    /// Scatterings before, at most.
+    scatterings_max: u32,
+}
+
 struct LastVertex {
     position: Vec3,
     n: Vec3,
+    /// The direction that it scattered to, and its density.
+    way: Vec3,
     pdf_solid_angle: f32,
+    /// Boundaries of glass passed since: light sampling finds what lies straight ahead.
+    boundaries: u32,
 }
 
 impl<'a> Tracer<'a> {
@@ -371,6 +384,24 @@ impl Tracer<'_> {
     /// a broad gloss. True if that gloss has all of it: what is gathered by way of further mirrors would be part of it.
     fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
         let Some(caustics) = self.caustics else { return false };
+        let Some(shown) = self.shows_focused(path, surface) else { return false };
+        let focused = caustics.scattered(surface, -path.ray.direction, shown.scatterings_max);
+        let mut add = |scatter, radiance| {
+            let class = path.class.after(scatter).after(Scatter::Specular);
+            sample.radiance[class as usize] += path.throughput * radiance;
+        };
+        if shown.is_diffuse {
+            add(Scatter::Diffuse, focused.diffuse);
+        }
+        if shown.is_glossy {
+            add(Scatter::Specular, focused.glossy);
+        }
+        shown.is_glossy
+    }
+
+    /// By which lobes a surface shows the path light that only mirrors and glass sent on before, where that is known: the diffuse one, and
+    /// a broad gloss. `None`: by none.
+    fn shows_focused(&self, path: &Path<'_>, surface: &Surface) -> Option<ShownFocused> {
         // A gloss shows the light of lamps in mirrors, which goes with the caustics.
         let is_shown = self.settings.shown.contains(PathClass::Caustic);
         let is_broad = is_shown
@@ -380,25 +411,14 @@ impl Tracer<'_> {
             && !path.is_beyond_near();
         let is_diffuse = surface.bsdf.has_diffuse();
         if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
-            return false;
+            return None;
         }
         // What is looked up is bounded by itself, whatever lies between the surface and the eye.
         let scatterings_max = match self.settings.bounces_max.filter(|_| !self.settings.asks) {
             Some(bounces) => bounces - path.bounce - 1,
             None => u32::MAX,
         };
-        let focused = caustics.scattered(surface, -path.ray.direction, scatterings_max);
-        let mut add = |scatter, radiance| {
-            let class = path.class.after(scatter).after(Scatter::Specular);
-            sample.radiance[class as usize] += path.throughput * radiance;
-        };
-        if is_diffuse {
-            add(Scatter::Diffuse, focused.diffuse);
-        }
-        if is_broad {
-            add(Scatter::Specular, focused.glossy);
-        }
-        is_broad
+        Some(ShownFocused { is_diffuse, is_glossy: is_broad, scatterings_max })
     }
 
     /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
@@ -447,13 +467,22 @@ impl Tracer<'_> {
         path.eta_squared *= drawn.eta_squared;
         path.class = class;
         path.bounce += 1;
-        path.last = drawn.pdf_solid_angle.map(|pdf_solid_angle| LastVertex {
-            position: surface.point.position,
-            n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
-            pdf_solid_angle,
-        });
+        let passes = wo_local.z * drawn.wi.z < 0.0;
+        path.last = match drawn.pdf_solid_angle {
+            Some(pdf_solid_angle) => Some(LastVertex {
+                position: surface.point.position,
+                n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
+                way: wi,
+                pdf_solid_angle,
+                boundaries: 0,
+            }),
+            None if passes && self.samples_through_panes() => {
+                path.last.take().map(|last| LastVertex { boundaries: last.boundaries + 1, ..last })
+            }
+            None => None,
+        };
         path.sightline = path.sightline.after(&surface.bsdf, wo_local, drawn.wi);
-        if wo_local.z * drawn.wi.z < 0.0 {
+        if passes {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }
         path.ray = surface.point.ray_towards(wi);

@@ -68,7 +68,8 @@ pub struct PathSettings {
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
-    /// A sky is drawn from where it shows ([`World::opening_at`]): less noise in rooms, and no other light. Paths on a card do without.
+    /// A sky is drawn from where it shows ([`World::opening_at`]), and light from infinitely far through panes
+    /// ([`World::through_panes`]): less noise in rooms, and of a sky no other light. Paths on a card do without.
     pub knows_openings: bool,
 }
 

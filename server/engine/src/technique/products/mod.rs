@@ -66,7 +66,7 @@ use super::{Card, Counts, View};
 use crate::{
     accel::{Hit, Ray},
     math::{Rgb, sobol::PixelSampler},
-    transport::{Surface, World},
+    transport::{LightOrigin, LightSample, Surface, World},
 };
 
 /// What a diffuse lobe sends to the eye of light that did not come straight from its source, W/(m² sr), and how well that is
@@ -203,6 +203,31 @@ pub struct FocusedScatter {
     pub glossy: Rgb,
 }
 
+/// What of the light from infinitely far that comes straight through panes ([`World::through_panes`](crate::transport::World::through_panes))
+/// is for light sampling to find, and not in what is looked up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeftToSampling {
+    /// Nothing.
+    #[default]
+    Nothing,
+    /// That of directional lights.
+    Suns,
+    /// That of the environment too.
+    SunsAndSky,
+}
+
+impl LeftToSampling {
+    /// Whether that of a light is.
+    pub fn holds(self, light: &LightSample) -> bool {
+        let is_left = match self {
+            LeftToSampling::Nothing => false,
+            LeftToSampling::Suns => light.is_delta,
+            LeftToSampling::SunsAndSky => true,
+        };
+        is_left && matches!(light.origin, LightOrigin::Infinite)
+    }
+}
+
 /// Light that mirrors and glass focus on surfaces.
 pub trait FocusedLight: fmt::Debug + Send + Sync {
     /// What `surface` sends to `wo` of it.
@@ -213,6 +238,11 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
     fn packed(&self) -> Option<PackedFocused> {
         None
+    }
+
+    /// What [`FocusedLight::scattered`] leaves out. What is packed has all.
+    fn leaves(&self) -> LeftToSampling {
+        LeftToSampling::Nothing
     }
 
     /// It stands for photons of its own in a picture's first pass, and where a card has no room for it the CPU draws that.

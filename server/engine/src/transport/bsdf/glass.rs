@@ -100,21 +100,46 @@ impl Glass {
         (drawn.scatter == Scatter::Specular).then(|| BsdfSample { weight: drawn.weight * specular, ..drawn })
     }
 
+    /// See [`super::Bsdf::passing`].
+    pub(super) fn passing(&self, wo: Vec3) -> Option<BsdfSample> {
+        let eta = self.eta_from(wo);
+        let (reflected, cos_t) = fresnel_dielectric(wo.z.abs(), eta);
+        let [_, transmission, _] = self.chances(reflected);
+        (transmission > 0.0).then(|| {
+            let drawn = self.passed(wo, eta, cos_t);
+            BsdfSample { weight: drawn.weight * transmission, ..drawn }
+        })
+    }
+
+    /// A sample of what passes.
+    fn passed(&self, wo: Vec3, eta: f32, cos_t: f32) -> BsdfSample {
+        let wi = Vec3::new(-wo.x / eta, -wo.y / eta, -cos_t.copysign(wo.z));
+        BsdfSample {
+            wi: wi.normalize_or(-wo),
+            // Radiance gathers into a narrower cone in the denser medium: towards the eye it scales by 1/η²
+            // [Veach1997, 5.2].
+            weight: self.tint * (1.0 / (eta * eta)),
+            pdf_solid_angle: None,
+            scatter: Scatter::Specular,
+            eta_squared: eta * eta,
+        }
+    }
+
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let eta = self.eta_from(wo);
         let (reflected, cos_t) = fresnel_dielectric(wo.z.abs(), eta);
         let [reflection, transmission, base] = self.chances(reflected);
-        let specular = |wi, weight, eta_squared| {
-            Some(BsdfSample { wi, weight, pdf_solid_angle: None, scatter: Scatter::Specular, eta_squared })
-        };
         if u[0] < reflection {
-            return specular(Vec3::new(-wo.x, -wo.y, wo.z), Rgb::WHITE, 1.0);
+            return Some(BsdfSample {
+                wi: Vec3::new(-wo.x, -wo.y, wo.z),
+                weight: Rgb::WHITE,
+                pdf_solid_angle: None,
+                scatter: Scatter::Specular,
+                eta_squared: 1.0,
+            });
         }
         if u[0] < reflection + transmission {
-            let wi = Vec3::new(-wo.x / eta, -wo.y / eta, -cos_t.copysign(wo.z));
-            // Radiance gathers into a narrower cone in the denser medium: towards the eye it scales by 1/η²
-            // [Veach1997, 5.2].
-            return specular(wi.normalize_or(-wo), self.tint * (1.0 / (eta * eta)), eta * eta);
+            return Some(self.passed(wo, eta, cos_t));
         }
         let local = warp::cosine_hemisphere([u[1], u[2]]);
         let wi = local.with_z(local.z.copysign(wo.z));

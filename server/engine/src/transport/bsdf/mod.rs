@@ -213,6 +213,15 @@ impl Bsdf {
 }
 
 impl Bsdf {
+    /// What passes the boundary of glass, all of it; `None` where nothing does. A path along it carries as much as many drawn by
+    /// [`Bsdf::sample`] do on average.
+    pub fn passing(&self, wo: Vec3) -> Option<BsdfSample> {
+        match self {
+            Bsdf::Glass(glass) => glass.passing(wo),
+            Bsdf::Black | Bsdf::Lambert { .. } | Bsdf::Gltf(_) | Bsdf::Mirror { .. } => None,
+        }
+    }
+
     /// Draws a direction as [`Bsdf::sample`] does, but of the lobes that are not diffuse alone: their whole light is in it.
     /// `None`: nothing goes on.
     pub fn sample_specular(&self, wo: Vec3, u: [f32; 3]) -> Option<BsdfSample> {

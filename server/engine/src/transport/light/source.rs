@@ -105,6 +105,11 @@ impl Source {
         matches!(self.kind, Point { .. } | Spot { .. } | Directional { .. })
     }
 
+    /// It is infinitely far.
+    pub fn is_infinite(&self) -> bool {
+        matches!(self.kind, SourceKind::Directional { .. } | SourceKind::Environment { .. })
+    }
+
     /// All that it sends out goes one way: photons differ by where they start alone.
     pub fn is_one_way(&self) -> bool {
         matches!(self.kind, SourceKind::Directional { .. })

@@ -3,12 +3,16 @@
 
 use glam::Vec3;
 
-use super::{Followed, Path, Tracer};
+use super::{Followed, LastVertex, Path, ShownFocused, Tracer};
 use crate::{
     accel::Hit,
     film::PixelSample,
-    technique::{Guidance, path::Tally},
-    transport::{Opening, PathClass, Scatter, Surface, bsdf::LobeValue},
+    math::Rgb,
+    technique::{FocusedLight, Guidance, LeftToSampling, path::Tally},
+    transport::{
+        BsdfValue, LightOrigin, LightSample, Opening, Passage, PathClass, Scatter, ShadowRay, Surface,
+        bsdf::LobeValue,
+    },
 };
 
 /// Power heuristic for one sample of each of two densities [Veach1997, 9.2.4], safe where squares overflow.
@@ -29,11 +33,14 @@ impl Tracer<'_> {
         if radiance.is_black() {
             return;
         }
-        let weight = path.last.as_ref().map_or(1.0, |last| {
+        let is_sampled = |last: &&LastVertex| {
+            last.boundaries == 0 || Passage::is_straight([last.way, path.ray.direction], last.boundaries)
+        };
+        let weight = path.last.as_ref().filter(is_sampled).map_or(1.0, |last| {
             let light_pdf = self.world.lights().pdf_of_environment(
                 last.n,
                 self.opening_at(last.position, last.n),
-                path.ray.direction,
+                last.way,
             );
             power_heuristic(last.pdf_solid_angle, light_pdf)
         });
@@ -54,7 +61,8 @@ impl Tracer<'_> {
         if surface.emitted.is_black() || self.has_gathered(path, 2) {
             return;
         }
-        let weight = path.last.as_ref().map_or(1.0, |last| {
+        // Lights nearby are not sampled through panes.
+        let weight = path.last.as_ref().filter(|last| last.boundaries == 0).map_or(1.0, |last| {
             let light_pdf = self.world.lights().pdf_of_triangle(
                 last.position,
                 last.n,
@@ -105,11 +113,14 @@ impl Tracer<'_> {
         }
         let Some((radiance, shadow_ray)) = self.world.towards_light(&surface.point, &light) else { return };
         tally.shadow_ray(&shadow_ray);
-        if self.world.is_occluded(&shadow_ray) {
-            return;
-        }
+        let is_occluded = self.world.is_occluded(&shadow_ray);
         if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
             value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
+        }
+        if is_occluded {
+            let arriving = path.throughput * radiance * (1.0 / light.pdf);
+            self.add_through_panes(path, surface, (&light, &shadow_ray, arriving, &value), sample, tally);
+            return;
         }
         let arriving = path.throughput * radiance * (1.0 / light.pdf) * path.transmittance(&shadow_ray);
         let mut add = |lobe: &LobeValue, scatter| {
@@ -130,5 +141,59 @@ impl Tracer<'_> {
         };
         add(&value.diffuse, Scatter::Diffuse);
         add(&value.glossy, Scatter::Specular);
+    }
+    /// Paths that find the sky behind panes by chance compete with light sampling there. Where such light is known they do not find it.
+    pub(super) fn samples_through_panes(&self) -> bool {
+        let is_left = |caustics: &dyn FocusedLight| caustics.leaves() == LeftToSampling::SunsAndSky;
+        self.settings.knows_openings && !self.settings.asks && !self.caustics.is_some_and(is_left)
+    }
+
+    /// Light sampling where panes let light from infinitely far through: what is known of caustics may leave that to it, and else it
+    /// competes with paths that find the sky.
+    ///
+    /// - `found`: the light, the ray to it, what would arrive without anything in between, and what the surface makes of it
+    fn add_through_panes(
+        &self,
+        path: &Path<'_>,
+        surface: &Surface,
+        found: (&LightSample, &ShadowRay, Rgb, &BsdfValue),
+        sample: &mut PixelSample,
+        tally: &mut impl Tally,
+    ) {
+        let (light, shadow_ray, arriving, value) = found;
+        let is_left = self.caustics.is_some_and(|caustics| caustics.leaves().holds(light));
+        let is_shown = match is_left {
+            true => self.shows_focused(path, surface),
+            // What is known of suns holds theirs.
+            false if light.is_delta && self.caustics.is_some() => None,
+            false if self.samples_through_panes() => self.traces_focused(path),
+            false => None,
+        };
+        let Some(shown) = is_shown.filter(|_| matches!(light.origin, LightOrigin::Infinite)) else { return };
+        let Some(passage) = self.world.through_panes(&shadow_ray.ray, |ray| tally.ray(ray)) else { return };
+        if passage.boundaries > shown.scatterings_max {
+            return;
+        }
+        let mut add = |lobe: &LobeValue, scatter| {
+            let is_alone = is_left || light.is_delta;
+            let weight = if is_alone { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
+            let class = path.class.after(scatter).after(Scatter::Specular);
+            sample.radiance[class as usize] += arriving * passage.share * lobe.f_cos * weight;
+        };
+        if shown.is_diffuse {
+            add(&value.diffuse, Scatter::Diffuse);
+        }
+        if shown.is_glossy {
+            add(&value.glossy, Scatter::Specular);
+        }
+    }
+
+    /// By which lobes of a surface paths go on to find such light.
+    fn traces_focused(&self, path: &Path<'_>) -> Option<ShownFocused> {
+        let [is_diffuse, is_glossy] = [Scatter::Diffuse, Scatter::Specular]
+            .map(|scatter| self.settings.traced.contains(path.class.after(scatter).after(Scatter::Specular)));
+        let left = |bounces: u32| bounces.checked_sub(path.bounce + 1);
+        let scatterings_max = self.settings.bounces_max.map_or(Some(u32::MAX), left)?;
+        Some(ShownFocused { is_diffuse, is_glossy, scatterings_max })
     }
 }

@@ -44,8 +44,13 @@ impl Tracer<'_> {
         underway: &Underway,
         tally: &mut impl Tally,
     ) -> PixelSample {
-        let last =
-            underway.last.map(|(position, n, pdf_solid_angle)| LastVertex { position, n, pdf_solid_angle });
+        let last = underway.last.map(|(position, n, pdf_solid_angle)| LastVertex {
+            position,
+            n,
+            way: underway.ray.direction,
+            pdf_solid_angle,
+            boundaries: 0,
+        });
         let mut path = Path {
             ray: underway.ray,
             throughput: underway.throughput,

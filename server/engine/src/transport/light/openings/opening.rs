@@ -172,11 +172,19 @@ impl Spot {
         }
         let axis = self.axis();
         let frame = Frame::around(axis);
-        let arrives = |wi: Vec3, which: f32| {
+        // Of the sky's light that comes straight, or straight through panes.
+        let share_of = |wi: Vec3, which: f32| {
             let point = &points[((which * points.len() as f32) as usize).min(points.len() - 1)];
             // Meshes are met from either side.
             let is_before = wi.dot(point.n_geo) * axis.dot(point.n_geo) > 0.0;
-            is_before && !world.is_occluded(&ShadowRay { ray: point.ray_towards(wi), light: None })
+            if !is_before {
+                return None;
+            }
+            let ray = point.ray_towards(wi);
+            if !world.is_occluded(&ShadowRay { ray, light: None }) {
+                return Some(1.0);
+            }
+            world.through_panes(&ray, |_| ()).map(|passage| passage.share.luminance())
         };
         let rows = rays.isqrt();
         let looks = (0..rays).filter_map(|number| {
@@ -185,13 +193,14 @@ impl Spot {
             let (direction, ratio) = draw(square)?;
             let wi = frame.to_world(direction);
             let luminance = environment.radiance(wi).luminance();
-            let arrives = luminance > 0.0 && arrives(wi, which);
-            Some(Look { part: part_of(direction), luminance, ratio, arrives })
+            let share = if luminance > 0.0 { share_of(wi, which) } else { None };
+            let luminance = luminance * share.unwrap_or(1.0);
+            Some(Look { part: part_of(direction), luminance, ratio, arrives: share.is_some() })
         });
         let looks: Vec<Look> = looks.collect();
         let arriving = (0..SAMPLES).filter(|number| {
             let [x, y, which, _] = sobol::point(sobol::mix(self.name ^ 2), *number);
-            environment.sample(axis, [x, y]).is_some_and(|(wi, _)| arrives(wi, which))
+            environment.sample(axis, [x, y]).is_some_and(|(wi, _)| share_of(wi, which).is_some())
         });
         let arriving = arriving.count() as f32 / SAMPLES as f32;
         Seen::of(frame, arriving, &looks)
