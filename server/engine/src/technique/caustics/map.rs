@@ -51,7 +51,7 @@ pub struct CausticPhoton {
 #[derive(Debug)]
 pub struct CausticMap {
     grids: Vec<Grid>,
-    /// Of photons that came straight through panes. They are for who draws no light there.
+    /// Of photons that came straight through panes: for who samples no light there.
     straight: Vec<Grid>,
     /// Of what photons there may be.
     light: CausticLight,
@@ -221,22 +221,34 @@ impl Buckets {
     }
 }
 
+/// What photons in some grids light.
+fn scattered_of(grids: &[Grid], surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
+    let mut lit = Lit::new(surface, wo, scatterings_max);
+    let p = surface.point.position;
+    for grid in grids {
+        grid.near(p, |photon| {
+            let away = p - photon.position;
+            let r2 = photon.radius_m * photon.radius_m;
+            let above = away.dot(photon.normal);
+            let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
+            if d2 < r2 {
+                lit.add(photon, FRAC_2_PI / r2 * (1.0 - d2 / r2));
+            }
+        });
+    }
+    lit.scatter()
+}
+
 impl FocusedLight for CausticMap {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
-        let mut lit = Lit::new(surface, wo, scatterings_max);
-        let p = surface.point.position;
-        for grid in &self.grids {
-            grid.near(p, |photon| {
-                let away = p - photon.position;
-                let r2 = photon.radius_m * photon.radius_m;
-                let above = away.dot(photon.normal);
-                let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
-                if d2 < r2 {
-                    lit.add(photon, FRAC_2_PI / r2 * (1.0 - d2 / r2));
-                }
-            });
+        scattered_of(&self.grids, surface, wo, scatterings_max)
+    }
+
+    fn left(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
+        match self.straight.is_empty() {
+            true => FocusedScatter::default(),
+            false => scattered_of(&self.straight, surface, wo, scatterings_max),
         }
-        lit.scatter()
     }
 
     fn leaves(&self) -> LeftToSampling {

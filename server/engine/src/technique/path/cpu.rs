@@ -385,7 +385,13 @@ impl Tracer<'_> {
     fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
         let Some(caustics) = self.caustics else { return false };
         let Some(shown) = self.shows_focused(path, surface) else { return false };
-        let focused = caustics.scattered(surface, -path.ray.direction, shown.scatterings_max);
+        let wo = -path.ray.direction;
+        let mut focused = caustics.scattered(surface, wo, shown.scatterings_max);
+        if !self.settings.knows_openings {
+            let left = caustics.left(surface, wo, shown.scatterings_max);
+            focused.diffuse += left.diffuse;
+            focused.glossy += left.glossy;
+        }
         let mut add = |scatter, radiance| {
             let class = path.class.after(scatter).after(Scatter::Specular);
             sample.radiance[class as usize] += path.throughput * radiance;

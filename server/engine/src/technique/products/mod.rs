@@ -230,19 +230,24 @@ impl LeftToSampling {
 
 /// Light that mirrors and glass focus on surfaces.
 pub trait FocusedLight: fmt::Debug + Send + Sync {
-    /// What `surface` sends to `wo` of it.
+    /// What `surface` sends to `wo` of it, but for what it [leaves](FocusedLight::leaves).
     ///
     /// - `scatterings_max`: most scatterings before, of what counts
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
 
-    /// The same light for look-ups on a graphics card; `None` where it cannot be looked up there.
-    fn packed(&self) -> Option<PackedFocused> {
-        None
-    }
-
-    /// What [`FocusedLight::scattered`] leaves out. What is packed has all.
+    /// What light sampling is to find.
     fn leaves(&self) -> LeftToSampling {
         LeftToSampling::Nothing
+    }
+
+    /// The same of what it leaves, for who does not sample it.
+    fn left(&self, _surface: &Surface, _wo: Vec3, _scatterings_max: u32) -> FocusedScatter {
+        FocusedScatter::default()
+    }
+
+    /// All of it, nothing left, for look-ups on a graphics card; `None` where it cannot be looked up there.
+    fn packed(&self) -> Option<PackedFocused> {
+        None
     }
 
     /// It stands for photons of its own in a picture's first pass, and where a card has no room for it the CPU draws that.

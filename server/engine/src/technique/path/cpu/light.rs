@@ -8,7 +8,7 @@ use crate::{
     accel::Hit,
     film::PixelSample,
     math::Rgb,
-    technique::{FocusedLight, Guidance, LeftToSampling, path::Tally},
+    technique::{Guidance, LeftToSampling, path::Tally},
     transport::{
         BsdfValue, LightOrigin, LightSample, Opening, Passage, PathClass, Scatter, ShadowRay, Surface,
         bsdf::LobeValue,
@@ -142,10 +142,20 @@ impl Tracer<'_> {
         add(&value.diffuse, Scatter::Diffuse);
         add(&value.glossy, Scatter::Specular);
     }
+
     /// Paths that find the sky behind panes by chance compete with light sampling there. Where such light is known they do not find it.
     pub(super) fn samples_through_panes(&self) -> bool {
-        let is_left = |caustics: &dyn FocusedLight| caustics.leaves() == LeftToSampling::SunsAndSky;
-        self.settings.knows_openings && !self.settings.asks && !self.caustics.is_some_and(is_left)
+        self.settings.knows_openings
+            && !self.settings.asks
+            && self.left_to_sampling() != LeftToSampling::SunsAndSky
+    }
+
+    /// What is known of caustics without it.
+    fn left_to_sampling(&self) -> LeftToSampling {
+        match self.caustics {
+            Some(caustics) if self.settings.knows_openings => caustics.leaves(),
+            _ => LeftToSampling::Nothing,
+        }
     }
 
     /// Light sampling where panes let light from infinitely far through: what is known of caustics may leave that to it, and else it
@@ -161,7 +171,7 @@ impl Tracer<'_> {
         tally: &mut impl Tally,
     ) {
         let (light, shadow_ray, arriving, value) = found;
-        let is_left = self.caustics.is_some_and(|caustics| caustics.leaves().holds(light));
+        let is_left = self.left_to_sampling().holds(light);
         let is_shown = match is_left {
             true => self.shows_focused(path, surface),
             // What is known of suns holds theirs.
