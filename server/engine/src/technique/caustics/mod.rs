@@ -14,7 +14,8 @@
 //!
 //! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of
 //! point, spot and directional lights by way of mirrors and clear glass, which no path from the eye can find; and can be asked
-//! for that alone. What such light shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
+//! for that alone. What comes straight through panes from infinitely far it holds for cards: on the CPU light sampling finds it
+//! ([`World::through_panes`]). What such light shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
 mod borders;
 mod map;

@@ -1,5 +1,7 @@
 //! Where the sky shows from places in the scene, found out where somebody asks.
 //!
+//! The sky shows through panes of glass as well, as far as they let it through (`transport/panes.rs`).
+//!
 //! In a room most of the directions that a sky sends light from end at a wall, and a sky sample that does brings nothing. So cubes are
 //! cut from around the scene, and of each, for surfaces in it that face one of six ways, it is learnt by rays through which part of the
 //! hemisphere the sky shows. A cube is cut in eight where what is seen from its ends differs too much; its eighths look where the
