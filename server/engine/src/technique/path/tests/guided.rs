@@ -155,8 +155,9 @@ fn a_sky_is_found_through_windows_without_loss() {
         let is_glazed = name.starts_with("glazed");
         let class = if is_glazed { PathClass::Caustic } else { PathClass::Direct };
         let [knowing, plain] = [&knowing, &plain].map(|found| found[class as usize].variance());
-        println!("{name}: {knowing} for {plain}");
-        assert!(name.ends_with("glossy") || knowing < plain / 1.6, "{name}: {knowing} for {plain}");
+        // Half of what is gained behind a pane is to know where the sky shows.
+        let gain = if is_glazed { 4.0 } else { 1.6 };
+        assert!(name.ends_with("glossy") || knowing < plain / gain, "{name}: {knowing} for {plain}");
     }
 }
 
