@@ -13,8 +13,10 @@ use lumicast_engine::film::PictureSize;
 use lumicast_engine::math::{Rgb, sobol};
 use lumicast_engine::render::{Indirect, Learning, RenderSettings, Rendering};
 use lumicast_engine::scene::samples::{self, Stage, cuboid, quad, sphere};
-use lumicast_engine::scene::{CameraView, Light, LightKind, Material, Scene};
-use lumicast_engine::transport::World;
+use lumicast_engine::scene::{
+    CameraView, Environment, Light, LightKind, Material, Scene, SceneBuilder, SceneLimits,
+};
+use lumicast_engine::transport::{PathClass, World};
 use lumicast_tests::{compare_layers, mean, picture, shared_folder};
 
 const SIDE: u32 = 32;
@@ -108,15 +110,42 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
 }
 
-/// The same of a room with a pane in its window, under the sun and a sky: path tracing finds both behind it by light sampling, and what is
-/// looked up leaves them to that.
+/// A room with a pane in its window, without its sun or without its sky.
+fn glazed_room(light: Through) -> Scene {
+    let scene = samples::glazed_room().expect("a scene");
+    let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+    match light {
+        Through::Sky => builder.remove_light("sun").expect("a sun"),
+        Through::Sun => builder.set_environment(Environment::Constant(Rgb::BLACK)).expect("a night"),
+    }
+    builder.finish().0
+}
+
+enum Through {
+    Sky,
+    Sun,
+}
+
+/// The same of a room under a sky, with a pane in its window: path tracing finds that behind it by chance and by light sampling, and what is
+/// looked up leaves it to light sampling. Fewer scatterings let it through or not in both.
 #[test]
-fn light_through_panes_adds_up_to_the_path_tracer_layer_by_layer() {
-    let world = Arc::new(World::prepare(Arc::new(samples::glazed_room().expect("a scene"))));
+fn skies_behind_panes_add_up_to_the_path_tracer_layer_by_layer() {
+    let world = Arc::new(World::prepare(Arc::new(glazed_room(Through::Sky))));
     for indirect in [Indirect::Octree, Indirect::Irradiance] {
         let compared = compare_layers(&format!("{indirect:?}"), &world, indirect, PASSES);
         assert!(compared.failures.is_empty(), "{}", compared.failures.join("\n"));
-        assert!(compared.caustic_share > 0.05, "{}", compared.caustic_share);
+        assert!(compared.caustic_share > 0.02, "{}", compared.caustic_share);
+    }
+    // The two sides of the pane and the surface that shows it are three.
+    for (bounces, is_seen) in [(2, false), (3, true)] {
+        let of = |indirect| {
+            let settings =
+                RenderSettings { indirect, bounces_max: Some(bounces), ..RenderSettings::default() };
+            mean(&picture(&world, SIDE, settings, PASSES).film().layer(PathClass::Caustic))
+        };
+        let [path, octree] = [Indirect::Path, Indirect::Octree].map(of);
+        assert_eq!([path > 0.0, octree > 0.0], [is_seen; 2], "{bounces}: {path} and {octree}");
+        assert!((octree - path).abs() <= 0.1 * path, "{bounces}: {octree} for {path}");
     }
 }
 
@@ -201,23 +230,27 @@ fn pictures_with_caustics_do_not_depend_on_cuts() {
 
 #[test]
 fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
-    let world = Arc::new(World::prepare(Arc::new(hidden_scene())));
     let without = EffectChoices { caustics: EffectChoice::Off, ..EffectChoices::default() };
     // Without its caustics as well: what surfaces send on of them is indirect light.
-    for effects in [EffectChoices::default(), without] {
+    for (name, scene, effects) in [
+        ("mirror", hidden_scene(), EffectChoices::default()),
+        ("mirror", hidden_scene(), without),
+        ("pane", glazed_room(Through::Sun), EffectChoices::default()),
+    ] {
+        let world = Arc::new(World::prepare(Arc::new(scene)));
         let of = |indirect| RenderSettings { indirect, effects, seed: 7, ..RenderSettings::default() };
         let looked_up = mean(&picture(&world, SIDE, of(Indirect::Irradiance), 64).picture().radiance());
         let chain = picture(&world, SIDE, of(Indirect::Auto), 800);
         let of_chain = chain.picture();
         let found = mean(&of_chain.radiance());
-        assert!((found / looked_up - 1.0).abs() < 0.03, "{effects:?}: {found} for {looked_up}");
+        assert!((found / looked_up - 1.0).abs() < 0.03, "{name}, {effects:?}: {found} for {looked_up}");
         // The measure of the error does not take it for one.
         let error = chain.measured_error_of(&of_chain).expect("a measure").error();
-        assert!(error < 0.1, "{effects:?}: {error}");
+        assert!(error < 0.1, "{name}, {effects:?}: {error}");
         // What paths from the eye find by themselves is less.
         let path = mean(&picture(&world, SIDE, of(Indirect::Path), 64).picture().radiance());
-        assert!(path < 0.8 * looked_up, "{effects:?}: {path} of {looked_up}");
+        assert!(path < 0.8 * looked_up, "{name}, {effects:?}: {path} of {looked_up}");
         let share = of_chain.traced_share();
-        assert!(share > 0.05, "{effects:?}: {share}: nothing was path-traced");
+        assert!(share > 0.05, "{name}, {effects:?}: {share}: nothing was path-traced");
     }
 }

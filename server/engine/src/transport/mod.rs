@@ -20,12 +20,12 @@ pub use flight::Flight;
 pub(crate) use flight::STRAIGHT_COS;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Opening, Source,
-    SourceName, Sphere,
+    SourceName, Sphere, Through,
 };
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use light::{FEW, IMPORTANCE_MAX, LEVEL};
 pub(crate) use light::{LightsChange, change_of_lights};
-pub use panes::Passage;
+pub use panes::{Passage, Passed};
 pub use path_class::{PathClass, PathClasses, Scatter};
 pub use surface::{Absorption, Surface};
 pub use upload::{

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::{Flight, World};
+use super::{BsdfSample, Flight, World};
 use crate::{
     accel::{Hit, Ray},
     math::Rgb,
@@ -14,6 +14,48 @@ use crate::{
 
 /// Unit vectors that differ by no more go one way: the sun is nine times as wide, and rounding ten thousand times less.
 const STRAIGHT: f32 = 1e-3;
+/// The indices of refraction at both ends of a way differ by no more than rounding makes them.
+const SAME_INDEX: f32 = 1e-3;
+
+/// What light, or a ray that looks for it, has passed since it set out, as long as that is boundaries of glass alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passed {
+    /// The way it set out on, unit.
+    way: Vec3,
+    /// How many.
+    pub boundaries: u32,
+    /// Product of [`BsdfSample::eta_squared`].
+    eta_squared: f32,
+}
+
+impl Passed {
+    /// Boundaries on a straight way, at most: those of sixteen panes.
+    pub const BOUNDARIES_MAX: u32 = 32;
+
+    /// Nothing yet.
+    pub fn nothing(way: Vec3) -> Passed {
+        Passed { way, boundaries: 0, eta_squared: 1.0 }
+    }
+
+    /// After one more surface; `None` where that did not let it pass.
+    ///
+    /// - `wo`: where it came from, in the surface's frame
+    pub fn after(self, wo: Vec3, drawn: &BsdfSample) -> Option<Passed> {
+        (wo.z * drawn.wi.z < 0.0).then_some(Passed {
+            boundaries: self.boundaries + 1,
+            eta_squared: self.eta_squared * drawn.eta_squared,
+            ..self
+        })
+    }
+
+    /// It goes on as it set out, in what it set out in: then so does what goes the other way. Where glass is entered and not left, a ray that goes in
+    /// is turned by less than one that comes out.
+    pub fn is_straight(&self, way: Vec3) -> bool {
+        (1..=Self::BOUNDARIES_MAX).contains(&self.boundaries)
+            && (self.eta_squared - 1.0).abs() < SAME_INDEX
+            && (self.way - way).length_squared() < STRAIGHT * STRAIGHT
+    }
+}
 
 /// What glass lets through.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,19 +64,6 @@ pub struct Passage {
     pub share: Rgb,
     /// Boundaries that the light passes; two for a pane.
     pub boundaries: u32,
-}
-
-impl Passage {
-    /// Boundaries that light may pass on a straight way, at most: sixteen panes.
-    pub const BOUNDARIES_MAX: u32 = 32;
-
-    /// Light that has only passed boundaries, so many, has come straight through panes.
-    ///
-    /// - `ways`: before the first and after the last, unit
-    pub fn is_straight(ways: [Vec3; 2], boundaries: u32) -> bool {
-        (1..=Self::BOUNDARIES_MAX).contains(&boundaries)
-            && (ways[0] - ways[1]).length_squared() < STRAIGHT * STRAIGHT
-    }
 }
 
 impl World {
@@ -48,23 +77,25 @@ impl World {
             return None;
         }
         let mut flight = Flight::begin(*ray, Rgb::WHITE);
-        for boundaries in 0..=Passage::BOUNDARIES_MAX {
+        let mut passed = Passed::nothing(ray.direction);
+        while passed.boundaries <= Passed::BOUNDARIES_MAX {
             on_ray(&flight.ray);
             let Some(hit) = self.closest_hit(&flight.ray) else {
-                let is_straight = Passage::is_straight([ray.direction, flight.ray.direction], boundaries);
-                return is_straight.then_some(Passage { share: flight.weight, boundaries });
+                let passage = Passage { share: flight.weight, boundaries: passed.boundaries };
+                return passed.is_straight(flight.ray.direction).then_some(passage);
             };
-            flight = self.passed(flight, &hit)?;
+            (flight, passed) = self.passed(flight, passed, &hit)?;
         }
         None
     }
 
     /// Beyond a boundary of glass.
-    fn passed(&self, mut flight: Flight, hit: &Hit) -> Option<Flight> {
+    fn passed(&self, mut flight: Flight, passed: Passed, hit: &Hit) -> Option<(Flight, Passed)> {
         let towards = -flight.ray.direction;
         let surface = flight.arrive(self, hit);
-        let passing = surface.bsdf.passing(surface.frame.to_local(towards))?;
-        flight.scattered(&surface, &passing)
+        let wo = surface.frame.to_local(towards);
+        let passing = surface.bsdf.passing(wo)?;
+        Some((flight.scattered(&surface, &passing)?, passed.after(wo, &passing)?))
     }
 }
 
@@ -192,6 +223,9 @@ mod tests {
             vec![quad([v(-9., -9., 0.), v(9., -9., 0.), v(9., 9., 0.), v(-9., 9., 0.)], material)]
         };
         assert_eq!(of(clear(), &sheet), None);
+        // Nor straight on, where it is not turned: what comes out of glass is.
+        let world = world_of(clear(), DAffine3::IDENTITY, sheet);
+        assert_eq!(arriving(&world, DAffine3::IDENTITY, from, DVec3::Z), None);
         let wedge = |material: &Id| {
             let mut mesh = cuboid(v(-9., -9., 0.), v(9., 9., 0.5), material);
             mesh.positions.iter_mut().filter(|p| p.z > 0.1 && p.x > 0.0).for_each(|p| p.z += 1.0);

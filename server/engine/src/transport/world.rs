@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::Absorption;
 use super::{
     Lights, Surface,
-    light::{Emission, EnvironmentLight, Opening, Openings},
+    light::{Emission, EnvironmentLight, Opening, Openings, Through},
     surface::PreparedMaterial,
 };
 use crate::{
@@ -32,8 +32,8 @@ pub struct World {
     /// Some surface is glass.
     has_glass: bool,
     lights: Lights,
-    /// `None` without an environment.
-    openings: Option<Openings>,
+    /// Through holes, and through holes and panes, by [`Through`]; none without an environment, and no second one without glass.
+    openings: Vec<Openings>,
 }
 
 /// A ray from a surface to a light.
@@ -97,7 +97,11 @@ impl World {
         let lights = Lights::collect(&scene, &accel, emission_of);
         let nested_bounds = scene.nested_bounds();
         let has_sky = lights.has_environment();
-        let openings = has_sky.then(|| Openings::of(&scene, nested_bounds.as_ref(), &accel)).flatten();
+        let ways = [Through::Holes, Through::HolesAndPanes];
+        let looks = ways.into_iter().filter(|through| has_sky && (has_glass || *through == Through::Holes));
+        let openings = looks
+            .filter_map(|through| Openings::of(&scene, nested_bounds.as_ref(), &accel, through))
+            .collect();
         World {
             scene,
             accel,
@@ -124,8 +128,12 @@ impl World {
     /// Where the environment shows about `p` from a surface that faces `n`; `None` where there is none, where it shows nowhere, or where so
     /// much of it does that to know more would not help. Whoever asks first of a place sends the rays that tell it: 400 for each of three
     /// cubes around it at most, and 1,200 for what is around these.
-    pub fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
-        self.openings.as_ref()?.at(self, p, n)
+    ///
+    /// - `through`: what the sky counts as shown through
+    pub fn opening_at(&self, p: Vec3, n: Vec3, through: Through) -> Option<&Opening> {
+        // Without glass there is but one.
+        let openings = self.openings.get(through as usize).or(self.openings.first());
+        openings?.at(self, p, n)
     }
 
     /// Every part is of the material of the same number.
@@ -147,7 +155,7 @@ impl World {
     pub fn report(&self) -> WorldReport {
         WorldReport {
             accel: self.accel.report(),
-            light_bytes: self.lights.bytes() + self.openings.as_ref().map_or(0, Openings::bytes),
+            light_bytes: self.lights.bytes() + self.openings.iter().map(Openings::bytes).sum::<usize>(),
             mesh_bytes: self.mesh_bytes(),
             texture_bytes: self.texture_bytes(),
         }
@@ -219,7 +227,7 @@ impl World {
     }
 
     /// Some surface may let light through.
-    pub(in crate::transport) fn has_glass(&self) -> bool {
+    pub fn has_glass(&self) -> bool {
         self.has_glass
     }
 

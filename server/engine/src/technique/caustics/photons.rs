@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::{AimedLight, CausticLight, CausticSettings, map::CausticPhoton, pilot::Sheet};
 use crate::{
     math::sobol,
-    transport::{AimedPhoton, EmissionNumbers, Flight, Passage, Source, SourceName, Surface, World},
+    transport::{AimedPhoton, EmissionNumbers, Flight, Passed, Source, SourceName, Surface, World},
 };
 
 /// Share of what it began with that a photon carries until roulette may end it: a coat of varnish sends on a twentieth, and
@@ -145,7 +145,7 @@ impl CausticTracer<'_> {
         let faint = ROULETTE_SHARE * flight.weight.luminance();
         let bounces_end = self.settings.bounces_max.unwrap_or(Flight::BOUNCES_END).min(Flight::BOUNCES_END);
         let mut shown_count = 0;
-        let mut has_passed_alone = source.is_infinite();
+        let mut passed = source.is_infinite().then(|| Passed::nothing(flight.ray.direction));
         for bounce in 0..bounces_end {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
@@ -165,15 +165,14 @@ impl CausticTracer<'_> {
                         sheet: Sheet::of(hit.instance, self.world.primitive_of(&hit), faces),
                         scatterings: bounce as u16,
                         is_on_back: towards_light.dot(surface.point.n_geo) < 0.0,
-                        is_straight: has_passed_alone
-                            && Passage::is_straight([emitted.ray.direction, flight.ray.direction], bounce),
+                        is_straight: passed.is_some_and(|passed| passed.is_straight(flight.ray.direction)),
                     });
                 }
             }
             let [lobe, u, v, survival] = four(2 + bounce);
             let wo_local = surface.frame.to_local(towards_light);
             let drawn = surface.bsdf.sample_specular(wo_local, [lobe, u, v]);
-            has_passed_alone &= drawn.is_some_and(|drawn| wo_local.z * drawn.wi.z < 0.0);
+            passed = passed.zip(drawn).and_then(|(passed, drawn)| passed.after(wo_local, &drawn));
             // From a lobe with a width the light itself is sampled.
             let is_hidden = bounce > 0 || drawn.is_some_and(|drawn| drawn.pdf_solid_angle.is_none());
             let drawn = drawn.filter(|_| is_hidden || self.settings.light == CausticLight::All);

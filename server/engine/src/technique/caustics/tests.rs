@@ -635,6 +635,7 @@ fn photons_through_panes_are_what_light_sampling_finds() {
         }
         assert!(taken > 5_000 || at == DVec3::ZERO, "{taken}");
         for (brought, found) in brought.to_array().into_iter().zip(found.to_array()) {
+            // Where next to nothing comes some ten photons do.
             let off = (brought - found).abs();
             assert!(off < 0.02 * found + 0.01, "{brought} W for {found} W at {at}");
         }

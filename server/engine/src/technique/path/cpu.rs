@@ -19,7 +19,7 @@ use crate::{
     accel::{Hit, Ray},
     film::PixelSample,
     math::{Rgb, sobol::PixelSampler},
-    transport::{Absorption, Bsdf, PathClass, Scatter, ShadowRay, Surface, World},
+    transport::{Absorption, Bsdf, Passed, PathClass, Scatter, ShadowRay, Surface, World},
 };
 
 /// Scatterings before Russian roulette may end a path: the first ones carry most of the picture.
@@ -141,8 +141,8 @@ struct LastVertex {
     /// The direction that it scattered to, and its density.
     way: Vec3,
     pdf_solid_angle: f32,
-    /// Boundaries of glass passed since: light sampling finds what lies straight ahead.
-    boundaries: u32,
+    /// Since then: light sampling finds what lies straight ahead.
+    passed: Passed,
 }
 
 impl<'a> Tracer<'a> {
@@ -473,22 +473,22 @@ impl Tracer<'_> {
         path.eta_squared *= drawn.eta_squared;
         path.class = class;
         path.bounce += 1;
-        let passes = wo_local.z * drawn.wi.z < 0.0;
         path.last = match drawn.pdf_solid_angle {
             Some(pdf_solid_angle) => Some(LastVertex {
                 position: surface.point.position,
                 n: if wo.dot(surface.frame.n) < 0.0 { -surface.frame.n } else { surface.frame.n },
                 way: wi,
                 pdf_solid_angle,
-                boundaries: 0,
+                passed: Passed::nothing(wi),
             }),
-            None if passes && self.samples_through_panes() => {
-                path.last.take().map(|last| LastVertex { boundaries: last.boundaries + 1, ..last })
-            }
+            None if self.competes_through_panes() => path.last.take().and_then(|last| {
+                let passed = last.passed.after(wo_local, &drawn)?;
+                Some(LastVertex { passed, ..last })
+            }),
             None => None,
         };
         path.sightline = path.sightline.after(&surface.bsdf, wo_local, drawn.wi);
-        if passes {
+        if wo_local.z * drawn.wi.z < 0.0 {
             path.medium = if drawn.wi.z < 0.0 { surface.inside } else { None };
         }
         path.ray = surface.point.ray_towards(wi);

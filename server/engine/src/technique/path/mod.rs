@@ -68,8 +68,9 @@ pub struct PathSettings {
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
-    /// A sky is drawn from where it shows ([`World::opening_at`]), and light from infinitely far through panes
-    /// ([`World::through_panes`]): less noise in rooms, and of a sky no other light. Paths on a card do without.
+    /// A sky is drawn from where it shows ([`World::opening_at`]), and light from infinitely far is sampled through panes
+    /// ([`World::through_panes`]) in place of being looked up: less noise in rooms, and no other light. Paths on a card do without, and so
+    /// does who goes on with one.
     pub knows_openings: bool,
 }
 

@@ -17,8 +17,8 @@ use glam::Vec3;
 
 pub(crate) use self::change::{LightsChange, change_of_lights};
 pub(in crate::transport) use self::environment::EnvironmentLight;
-pub use self::openings::Opening;
 pub(in crate::transport) use self::openings::Openings;
+pub use self::openings::{Opening, Through};
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
 use self::{bounds::LightBounds, tree::LightTree};
 #[cfg(all(test, feature = "gpu"))]

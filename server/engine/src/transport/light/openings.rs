@@ -1,11 +1,12 @@
 //! Where the sky shows from places in the scene, found out where somebody asks.
 //!
-//! The sky shows through panes of glass as well, as far as they let it through (`transport/panes.rs`).
-//!
 //! In a room most of the directions that a sky sends light from end at a wall, and a sky sample that does brings nothing. So cubes are
 //! cut from around the scene, and of each, for surfaces in it that face one of six ways, it is learnt by rays through which part of the
 //! hemisphere the sky shows. A cube is cut in eight where what is seen from its ends differs too much; its eighths look where the
 //! whole cube saw the sky, so that a window that fills a hundredth of the hemisphere is seen as sharply as one that fills half of it.
+//!
+//! For who samples it there it shows through panes of glass as well, as far as they let it through (`transport/panes.rs`); others would
+//! send to a window what finds the sky through a door. Both are learnt by themselves.
 //!
 //! What is learnt depends on the scene and the place alone, whoever asks first. A sky is drawn from by it with a fixed chance and else as
 //! it would be without, as paths are guided by photons [Jensen1995; Mueller2017] (`products/guide.rs`): whatever it says, what is found is right.
@@ -35,10 +36,20 @@ const ROOTS: u32 = 4;
 /// ground, where twice that has 1.14 times the variance of a sky's direct light and four times that 3.2 times.
 const CUTS_MAX: u32 = 3;
 
+/// What the sky counts as shown through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Through {
+    /// Holes alone: for who samples no sky through glass.
+    Holes,
+    /// Holes, and panes of glass as far as they let it through.
+    HolesAndPanes,
+}
+
 /// Where the sky shows from places in a scene.
 pub(in crate::transport) struct Openings {
     /// Low corner and side in render space, m; each within the one before. A place is told of by the last that holds it.
     cubes: Vec<(Vec3, f32)>,
+    through: Through,
     /// `[cube][z][y][x][face]`.
     roots: Vec<OnceLock<Place>>,
 }
@@ -66,6 +77,7 @@ impl Openings {
         scene: &Scene,
         nested: Option<&NestedBounds>,
         accel: &Accel,
+        through: Through,
     ) -> Option<Openings> {
         let cubes: Vec<(Vec3, f32)> = match nested {
             Some(nested) => nested.boxes.iter().map(|bounds| accel.cube_around(bounds)).collect(),
@@ -73,7 +85,7 @@ impl Openings {
         };
         let are_whole = cubes.iter().all(|(low, side_m)| low.is_finite() && *side_m > 0.0);
         let count = cubes.len() * (ROOTS * ROOTS * ROOTS) as usize * Spot::FACES;
-        are_whole.then(|| Openings { cubes, roots: (0..count).map(|_| OnceLock::new()).collect() })
+        are_whole.then(|| Openings { cubes, through, roots: (0..count).map(|_| OnceLock::new()).collect() })
     }
 
     /// Where the sky shows about `p` from a surface that faces `n`; `None` where to know would not help.
@@ -87,7 +99,8 @@ impl Openings {
         let number = (root.z * ROOTS + root.y) * ROOTS + root.x;
         let index = (cube * (ROOTS * ROOTS * ROOTS) as usize + number as usize) * Spot::FACES + face;
         let root_m = side_m / ROOTS as f32;
-        let mut spot = Spot { low: low + root.as_vec3() * root_m, side_m: root_m, face, name: index as u64 };
+        let (through, name) = (self.through, index as u64);
+        let mut spot = Spot { low: low + root.as_vec3() * root_m, side_m: root_m, face, through, name };
         let mut place = self.roots[index].get_or_init(|| Place::root(world, &spot));
         // Where it is in the cube, from 0 to 1.
         let mut within = in_roots - root.as_vec3();

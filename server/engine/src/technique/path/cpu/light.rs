@@ -10,7 +10,7 @@ use crate::{
     math::Rgb,
     technique::{Guidance, LeftToSampling, path::Tally},
     transport::{
-        BsdfValue, LightOrigin, LightSample, Opening, Passage, PathClass, Scatter, ShadowRay, Surface,
+        BsdfValue, LightOrigin, LightSample, Opening, PathClass, Scatter, ShadowRay, Surface, Through,
         bsdf::LobeValue,
     },
 };
@@ -33,9 +33,8 @@ impl Tracer<'_> {
         if radiance.is_black() {
             return;
         }
-        let is_sampled = |last: &&LastVertex| {
-            last.boundaries == 0 || Passage::is_straight([last.way, path.ray.direction], last.boundaries)
-        };
+        let is_sampled =
+            |last: &&LastVertex| last.passed.boundaries == 0 || last.passed.is_straight(path.ray.direction);
         let weight = path.last.as_ref().filter(is_sampled).map_or(1.0, |last| {
             let light_pdf = self.world.lights().pdf_of_environment(
                 last.n,
@@ -62,7 +61,7 @@ impl Tracer<'_> {
             return;
         }
         // Lights nearby are not sampled through panes.
-        let weight = path.last.as_ref().filter(|last| last.boundaries == 0).map_or(1.0, |last| {
+        let weight = path.last.as_ref().filter(|last| last.passed.boundaries == 0).map_or(1.0, |last| {
             let light_pdf = self.world.lights().pdf_of_triangle(
                 last.position,
                 last.n,
@@ -78,7 +77,11 @@ impl Tracer<'_> {
 
     /// Where the sky shows, as light sampling knows it.
     fn opening_at(&self, p: Vec3, n: Vec3) -> Option<&Opening> {
-        if self.settings.knows_openings { self.world.opening_at(p, n) } else { None }
+        let through = match self.samples_sky_through_panes() {
+            true => Through::HolesAndPanes,
+            false => Through::Holes,
+        };
+        if self.settings.knows_openings { self.world.opening_at(p, n, through) } else { None }
     }
 
     /// Light sampling: one light, each lobe weighed by itself.
@@ -114,12 +117,16 @@ impl Tracer<'_> {
         let Some((radiance, shadow_ray)) = self.world.towards_light(&surface.point, &light) else { return };
         tally.shadow_ray(&shadow_ray);
         let is_occluded = self.world.is_occluded(&shadow_ray);
+        let behind = is_occluded.then(|| self.shown_through_panes(path, surface, &light)).flatten();
+        if is_occluded && behind.is_none() {
+            return;
+        }
         if let Some(guidance) = guidance.filter(|_| !light.is_delta) {
             value.diffuse.pdf_solid_angle *= guidance.ratio(light.wi, light.wi.dot(facing).abs());
         }
-        if is_occluded {
+        if let Some(shown) = behind {
             let arriving = path.throughput * radiance * (1.0 / light.pdf);
-            self.add_through_panes(path, surface, (&light, &shadow_ray, arriving, &value), sample, tally);
+            self.add_through_panes(path, (&light, &shadow_ray, arriving), (&value, shown), sample, tally);
             return;
         }
         let arriving = path.throughput * radiance * (1.0 / light.pdf) * path.transmittance(&shadow_ray);
@@ -144,10 +151,14 @@ impl Tracer<'_> {
     }
 
     /// Paths that find the sky behind panes by chance compete with light sampling there. Where such light is known they do not find it.
-    pub(super) fn samples_through_panes(&self) -> bool {
+    pub(super) fn competes_through_panes(&self) -> bool {
         self.settings.knows_openings
             && !self.settings.asks
             && self.left_to_sampling() != LeftToSampling::SunsAndSky
+    }
+
+    fn samples_sky_through_panes(&self) -> bool {
+        self.competes_through_panes() || self.left_to_sampling() == LeftToSampling::SunsAndSky
     }
 
     /// What is known of caustics without it.
@@ -158,34 +169,53 @@ impl Tracer<'_> {
         }
     }
 
-    /// Light sampling where panes let light from infinitely far through: what is known of caustics may leave that to it, and else it
-    /// competes with paths that find the sky.
-    ///
-    /// - `found`: the light, the ray to it, what would arrive without anything in between, and what the surface makes of it
-    fn add_through_panes(
+    /// By which lobes a surface shows a light from infinitely far that panes let through: what is known of caustics may leave it to light
+    /// sampling, and else that competes with paths that find the sky. `None`: by none. Suns that nothing is known of nobody finds, on a card or
+    /// here.
+    fn shown_through_panes(
         &self,
         path: &Path<'_>,
         surface: &Surface,
-        found: (&LightSample, &ShadowRay, Rgb, &BsdfValue),
+        light: &LightSample,
+    ) -> Option<ShownFocused> {
+        if !self.world.has_glass() || !matches!(light.origin, LightOrigin::Infinite) {
+            return None;
+        }
+        if self.left_to_sampling().holds(light) {
+            let shown = self.shows_focused(path, surface)?;
+            // As photons are, that are bounded by themselves.
+            let of_photons = self.settings.bounces_max.map_or(u32::MAX, |bounces| bounces.saturating_sub(1));
+            return Some(ShownFocused { scatterings_max: shown.scatterings_max.min(of_photons), ..shown });
+        }
+        if light.is_delta || !self.competes_through_panes() {
+            return None;
+        }
+        let [is_diffuse, is_glossy] = [Scatter::Diffuse, Scatter::Specular]
+            .map(|scatter| self.settings.traced.contains(path.class.after(scatter).after(Scatter::Specular)));
+        let left = |bounces: u32| bounces.checked_sub(path.bounce + 1);
+        let scatterings_max = self.settings.bounces_max.map_or(Some(u32::MAX), left)?;
+        (is_diffuse || is_glossy).then_some(ShownFocused { is_diffuse, is_glossy, scatterings_max })
+    }
+
+    /// Adds that light, as far as panes let it through.
+    ///
+    /// - `found`: the light, the ray to it, and what would arrive without anything in between
+    /// - `shown`: what the surface makes of it, and by which lobes it does
+    fn add_through_panes(
+        &self,
+        path: &Path<'_>,
+        found: (&LightSample, &ShadowRay, Rgb),
+        (value, shown): (&BsdfValue, ShownFocused),
         sample: &mut PixelSample,
         tally: &mut impl Tally,
     ) {
-        let (light, shadow_ray, arriving, value) = found;
-        let is_left = self.left_to_sampling().holds(light);
-        let is_shown = match is_left {
-            true => self.shows_focused(path, surface),
-            // What is known of suns holds theirs.
-            false if light.is_delta && self.caustics.is_some() => None,
-            false if self.samples_through_panes() => self.traces_focused(path),
-            false => None,
-        };
-        let Some(shown) = is_shown.filter(|_| matches!(light.origin, LightOrigin::Infinite)) else { return };
+        let (light, shadow_ray, arriving) = found;
         let Some(passage) = self.world.through_panes(&shadow_ray.ray, |ray| tally.ray(ray)) else { return };
         if passage.boundaries > shown.scatterings_max {
             return;
         }
+        let is_alone = self.left_to_sampling().holds(light);
         let mut add = |lobe: &LobeValue, scatter| {
-            let is_alone = is_left || light.is_delta;
             let weight = if is_alone { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
             let class = path.class.after(scatter).after(Scatter::Specular);
             sample.radiance[class as usize] += arriving * passage.share * lobe.f_cos * weight;
@@ -196,14 +226,5 @@ impl Tracer<'_> {
         if shown.is_glossy {
             add(&value.glossy, Scatter::Specular);
         }
-    }
-
-    /// By which lobes of a surface paths go on to find such light.
-    fn traces_focused(&self, path: &Path<'_>) -> Option<ShownFocused> {
-        let [is_diffuse, is_glossy] = [Scatter::Diffuse, Scatter::Specular]
-            .map(|scatter| self.settings.traced.contains(path.class.after(scatter).after(Scatter::Specular)));
-        let left = |bounces: u32| bounces.checked_sub(path.bounce + 1);
-        let scatterings_max = self.settings.bounces_max.map_or(Some(u32::MAX), left)?;
-        Some(ShownFocused { is_diffuse, is_glossy, scatterings_max })
     }
 }

@@ -8,7 +8,7 @@ use crate::{
     film::PixelSample,
     math::{Rgb, sobol::PixelSampler},
     technique::path::Tally,
-    transport::{Absorption, PathClass},
+    transport::{Absorption, Passed, PathClass},
 };
 
 /// A path on its way from a surface: what it carries to the next. The fields are those of the path as the tracer has it.
@@ -49,7 +49,7 @@ impl Tracer<'_> {
             n,
             way: underway.ray.direction,
             pdf_solid_angle,
-            boundaries: 0,
+            passed: Passed::nothing(underway.ray.direction),
         });
         let mut path = Path {
             ray: underway.ray,

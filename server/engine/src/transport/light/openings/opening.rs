@@ -2,6 +2,7 @@
 
 use glam::{Vec2, Vec3};
 
+use super::Through;
 use crate::{
     accel::{Ray, SurfacePoint},
     math::{Frame, sobol, warp},
@@ -56,6 +57,7 @@ pub(super) struct Spot {
     pub(super) side_m: f32,
     /// `[+x, +y, +z, -x, -y, -z]`.
     pub(super) face: usize,
+    pub(super) through: Through,
     /// Names its random numbers.
     pub(super) name: u64,
 }
@@ -184,7 +186,11 @@ impl Spot {
             if !world.is_occluded(&ShadowRay { ray, light: None }) {
                 return Some(1.0);
             }
-            world.through_panes(&ray, |_| ()).map(|passage| passage.share.luminance())
+            let passage = match self.through {
+                Through::Holes => None,
+                Through::HolesAndPanes => world.through_panes(&ray, |_| ()),
+            };
+            passage.map(|passage| passage.share.luminance())
         };
         let rows = rays.isqrt();
         let looks = (0..rays).filter_map(|number| {

@@ -10,7 +10,7 @@ use crate::{
     math::{Frame, Rgb, RunningStatistics, sobol::point, warp},
     scene::{
         Environment, Id, Material, Texels, Texture,
-        samples::{Stage, cuboid, room_on_ground},
+        samples::{Stage, cuboid, glazed_room, room_on_ground},
     },
     transport::ShadowRay,
 };
@@ -109,7 +109,7 @@ fn windows_are_found_and_nothing_is_lost() {
         (DVec3::new(-0.4, 0.4, -1.999), Vec3::Z),
     ] {
         let at = receiver(&world, p, n);
-        let opening = world.opening_at(at.position, n).expect("a window shows");
+        let opening = world.opening_at(at.position, n, Through::Holes).expect("a window shows");
         let through = irradiance(&world, &at, Some(opening), 40_000);
         let exact = even_irradiance(&world, &at);
         let off = (through.mean() - exact).abs();
@@ -129,7 +129,7 @@ fn a_sun_in_the_sky_stays_as_bright() {
         // The sun stands 17° from straight above, in x: its light ends at -0.5 m.
         for x in [-0.9, -0.7, -0.55, -0.45, -0.3, 0.4] {
             let at = receiver(&world, DVec3::new(x, 1e-3, 0.1), Vec3::Y);
-            let opening = world.opening_at(at.position, Vec3::Y);
+            let opening = world.opening_at(at.position, Vec3::Y, Through::Holes);
             told += usize::from(opening.is_some());
             let through = irradiance(&world, &at, opening, 100_000);
             let without = irradiance(&world, &at, None, 100_000);
@@ -149,7 +149,7 @@ fn densities_are_those_of_draws() {
     let world = world_of(room_on_ground().unwrap());
     let n = Vec3::X;
     let at = receiver(&world, DVec3::new(-1.999, 1.2, -0.4), n);
-    let opening = world.opening_at(at.position, n).unwrap();
+    let opening = world.opening_at(at.position, n, Through::Holes).unwrap();
     const COLUMNS: usize = 24;
     let bin_of = |wi: Vec3| {
         // Seen from the wall: across, and up.
@@ -186,19 +186,19 @@ fn densities_are_those_of_draws() {
 #[test]
 fn nothing_is_told_where_it_would_not_help() {
     let world = world_of(room_on_ground().unwrap());
-    let asked = |p: DVec3, n: Vec3| world.opening_at(world.accel().to_render(p), n).is_some();
+    let asked = |p: DVec3, n: Vec3| world.opening_at(world.accel().to_render(p), n, Through::Holes).is_some();
     assert!(!asked(DVec3::new(20.0, -0.199, 5.0), Vec3::Y), "the meadow");
     assert!(!asked(DVec3::new(0.0, 2.701, 0.0), Vec3::Y), "the roof");
     assert!(!asked(DVec3::new(0.0, 500.0, 0.0), Vec3::Y), "above the scene");
     assert!(!asked(DVec3::NAN, Vec3::Y));
     let dark = shed(|_| Environment::None);
-    assert!(dark.opening_at(Vec3::ZERO, Vec3::Y).is_none());
+    assert!(dark.opening_at(Vec3::ZERO, Vec3::Y, Through::Holes).is_none());
     let mut closed = Stage::default();
     let wall = closed.material("wall", Material::lambert(Rgb::splat(0.5))).unwrap();
     closed.place("box", cuboid(DVec3::splat(-2.0), DVec3::splat(2.0), &wall), DAffine3::IDENTITY).unwrap();
     closed.builder().set_environment(Environment::Constant(Rgb::WHITE)).unwrap();
     let closed = world_of(closed.finish());
-    assert!(closed.opening_at(Vec3::new(0.3, -2.0, 0.1), Vec3::Y).is_none());
+    assert!(closed.opening_at(Vec3::new(0.3, -2.0, 0.1), Vec3::Y, Through::Holes).is_none());
 }
 
 /// What is told of a place does not depend on who asked for what before; what is held is counted.
@@ -212,7 +212,9 @@ fn whoever_asks_first_is_told_the_same() {
         })
         .collect();
     let told = |world: &World, (p, n): &(DVec3, Vec3)| {
-        world.opening_at(world.accel().to_render(*p), *n).map(|opening| opening.draw([0.4, 0.6]))
+        world
+            .opening_at(world.accel().to_render(*p), *n, Through::Holes)
+            .map(|opening| opening.draw([0.4, 0.6]))
     };
     let [one, other] = [(); 2].map(|()| world_of(room_on_ground().unwrap()));
     let before = one.report().light_bytes;
@@ -232,5 +234,23 @@ fn empty_parts_are_never_drawn() {
     for u in [0.0, 1e-30, 0.01, 3.0 / 259.0, 0.5, 0.99, 1.0 - f32::EPSILON / 2.0, 1.0] {
         let (index, within) = opening::choose(&sizes, sum, u);
         assert!(sizes[index] > 0 && (0.0..=1.0).contains(&within), "{u}: {index} {within}");
+    }
+}
+
+/// Behind a pane the sky shows to who samples it there, in the same directions as through the window without it, and to nobody else.
+#[test]
+fn a_window_with_a_pane_shows_the_sky_through_glass_alone() {
+    let [open, glazed] = [room_on_ground(), glazed_room()].map(|scene| world_of(scene.unwrap()));
+    // On the floor, and on the wall that faces the window.
+    for (p, n) in [(DVec3::new(0.5, 0.0, 0.3), Vec3::Y), (DVec3::new(-2.0, 1.2, 0.2), Vec3::X)] {
+        let seen = |world: &World, through: Through| {
+            let opening = world.opening_at(world.accel().to_render(p), n, through)?;
+            let drawn = (0..400).map(|number| opening.draw([point(61, number)[0], point(61, number)[1]]));
+            Some(drawn.sum::<Vec3>().normalize())
+        };
+        assert!(seen(&glazed, Through::Holes).is_none(), "{p}");
+        let [before, behind] =
+            [seen(&open, Through::Holes), seen(&glazed, Through::HolesAndPanes)].map(Option::unwrap);
+        assert!(before.dot(behind) > 0.99, "{before} and {behind} from {p}");
     }
 }

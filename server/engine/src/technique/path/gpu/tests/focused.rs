@@ -62,6 +62,7 @@ fn photons_bring_the_same_on_a_card() {
         ("brushed metal", with_known(brushed().finish(), None).focused(CausticLight::All)),
         ("cabinet", with_known(cabinet(), None).focused(CausticLight::All)),
         ("cabinet, two bounces", with_known(cabinet(), Some(2)).focused(CausticLight::All)),
+        ("room with a pane", with_known(samples::glazed_room().unwrap(), None).focused(CausticLight::All)),
         ("hidden light, all traced", traced(cabinet(), None).focused(CausticLight::Hidden)),
         ("hidden light, four bounces", traced(cabinet(), Some(4)).focused(CausticLight::Hidden)),
     ] {
