@@ -5,7 +5,7 @@ use std::{collections::BTreeSet, fmt::Write as _};
 use lumicast_engine::{
     effects::EffectPlan,
     math::Rgb,
-    scene::{Environment, Id, LightKind, Projection, Scene},
+    scene::{Environment, Id, LightKind, Projection, Scene, Warning},
 };
 use serde::Serialize;
 
@@ -190,10 +190,9 @@ impl SceneInfo {
             warnings: scene
                 .warnings()
                 .iter()
-                .map(|warning| WarningInfo {
-                    object: warning.object.clone(),
-                    message: warning.message.clone(),
-                })
+                .cloned()
+                .chain(scene.odd_glass())
+                .map(|Warning { object, message }| WarningInfo { object, message })
                 .collect(),
             ids: None,
         }

@@ -10,6 +10,7 @@ mod camera;
 mod change;
 mod check;
 mod error;
+mod glass;
 mod id;
 mod light;
 mod limits;
