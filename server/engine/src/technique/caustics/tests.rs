@@ -1,5 +1,7 @@
 //! Laws of caustics: where focused flux ends up, how much of it, and that what is not there costs nothing.
 
+mod panes;
+
 use std::{
     f64::consts::PI,
     sync::{Arc, atomic::AtomicBool},
@@ -539,105 +541,5 @@ fn photons_at_borders_carry_what_the_rest_of_their_blurs_would() {
             flux.mean(),
             1.0 / share
         );
-    }
-}
-
-/// A floor under clear panes: level, tilted, two behind each other, one that absorbs; and a prism and a ball, which turn light aside. The sun
-/// stands at a slant in an even sky.
-fn under_glass() -> World {
-    let mut stage = Stage::default();
-    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
-    let clear = stage.material("clear", clear_glass()).unwrap();
-    let green = Material {
-        base_color: Rgb::new(0.7, 0.9, 0.8),
-        attenuation_color: Rgb::new(0.3, 0.8, 0.5),
-        attenuation_distance_m: 0.1,
-        ior: 1.7,
-        ..clear_glass()
-    };
-    let green = stage.material("green", green).unwrap();
-    let square = [v(-8., 0., 8.), v(8., 0., 8.), v(8., 0., -8.), v(-8., 0., -8.)];
-    stage.place("floor", quad(square, &white), DAffine3::IDENTITY).unwrap();
-    let pane = |material: &Id| cuboid(v(-1., 0., -1.), v(1., 0.02, 1.), material);
-    for (name, material, at, tilt) in [
-        ("level", &clear, v(-3., 1., -3.), 0.0),
-        ("tilted", &clear, v(0., 1., -3.), 0.5),
-        ("low", &clear, v(3., 1., -3.), 0.0),
-        ("high", &green, v(3., 1.3, -3.), 0.2),
-        ("green", &green, v(-3., 1., 0.), -0.3),
-    ] {
-        let placed = DAffine3::from_translation(at) * DAffine3::from_rotation_z(tilt);
-        stage.place(name, pane(material), placed).unwrap();
-    }
-    // Two panes' worth of one, of which the upper face leans.
-    let mut prism = cuboid(v(-1., 0., -1.), v(1., 0.3, 1.), &clear);
-    for position in &mut prism.positions {
-        position.y += if position.y > 0.1 && position.x > 0.0 { 0.3 } else { 0.0 };
-    }
-    stage.place("prism", prism, DAffine3::from_translation(v(0., 1., 0.))).unwrap();
-    let ball = sphere(v(3., 1., 0.), 0.7, 48, &clear);
-    stage.place("ball", ball, DAffine3::IDENTITY).unwrap();
-    let sun = LightKind::Directional { irradiance: Rgb::splat(3.0) };
-    let direction = v(0.4, -1.0, 0.3).normalize();
-    stage.light("sun", Light { kind: sun, parent: None, position: DVec3::ZERO, direction }).unwrap();
-    let sky = crate::scene::Environment::Constant(Rgb::new(0.4, 0.5, 0.6));
-    stage.builder().set_environment(sky).unwrap();
-    world_of(stage.finish())
-}
-
-/// Photons that came straight through panes are those that light sampling finds where they fell, and bring as much light as it does; what
-/// prisms and balls turn aside is none of them.
-#[test]
-fn photons_through_panes_are_what_light_sampling_finds() {
-    let world = under_glass();
-    let photons = photons_of_a_pass(&world, &settings(4_000_000));
-    let lifted = |at: Vec3, wi: Vec3| Ray::new(at + Vec3::Y * 1e-4, wi);
-    let middle = world.accel().to_render(DVec3::ZERO);
-    let on_floor: Vec<&CausticPhoton> =
-        photons.iter().filter(|photon| (photon.position.y - middle.y).abs() < 1e-3).collect();
-    // At the very edges rounding decides.
-    let straight: Vec<&&CausticPhoton> = on_floor.iter().filter(|photon| photon.is_straight).collect();
-    let is_found = |photon: &&&&CausticPhoton| {
-        world.through_panes(&lifted(photon.position, photon.direction), |_| ()).is_some()
-    };
-    let lost = straight.len() - straight.iter().filter(is_found).count();
-    assert!(straight.len() > 80_000 && lost * 1_000 < straight.len(), "{lost} of {}", straight.len());
-    let under = |at: DVec3| {
-        let middle = world.accel().to_render(at);
-        move |photon: &&CausticPhoton| (photon.position - middle).abs().max_element() < 1.0
-    };
-    // Under the ball, but for what has missed it on its way through others, and the prism.
-    for at in [v(0., 0., 0.), v(3., 0., 0.)] {
-        let [of_straight, of_all] = [true, false].map(|alone| {
-            on_floor.iter().copied().filter(under(at)).filter(|p| p.is_straight || !alone).count()
-        });
-        assert!(10 * of_straight < 3 * of_all && of_all > 1_000, "{of_straight} of {of_all} at {at}");
-    }
-    // Flux on squares of the floor, W.
-    for at in [v(-3., 0., -3.), v(0., 0., -3.), v(3., 0., -3.), v(-3., 0., 0.), v(0., 0., 0.)] {
-        let mut brought = Rgb::BLACK;
-        straight.iter().map(|p| **p).filter(under(at)).for_each(|p| brought += p.flux_w);
-        let mut found = Rgb::BLACK;
-        let (mut taken, count) = (0, 200_000);
-        for number in 0..count {
-            let ([x, z, choice, _], [a, b, ..]) = (sobol::point(51, number), sobol::point(52, number));
-            let p = world.accel().to_render(at) + Vec3::new(2.0 * x - 1.0, 0.0, 2.0 * z - 1.0);
-            let lights = world.lights();
-            let Some(light) = lights.sample(world.accel(), p, Vec3::Y, || None, [choice, a, b]) else {
-                continue;
-            };
-            if let Some(passage) = world.through_panes(&lifted(p, light.wi), |_| ()) {
-                taken += 1;
-                // Over 4 m².
-                let per_sample = 4.0 * light.wi.y.max(0.0) / light.pdf / count as f32;
-                found += light.radiance * passage.share * per_sample;
-            }
-        }
-        assert!(taken > 5_000 || at == DVec3::ZERO, "{taken}");
-        for (brought, found) in brought.to_array().into_iter().zip(found.to_array()) {
-            // Where next to nothing comes some ten photons do.
-            let off = (brought - found).abs();
-            assert!(off < 0.02 * found + 0.01, "{brought} W for {found} W at {at}");
-        }
     }
 }

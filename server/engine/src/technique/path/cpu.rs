@@ -1,5 +1,6 @@
 //! One path at a time.
 
+mod focused;
 mod light;
 mod noted;
 #[cfg(feature = "gpu")]
@@ -124,15 +125,6 @@ struct Path<'a> {
     /// What its first ray met.
     seen: Option<Seen<'a>>,
     sampler: &'a PixelSampler,
-}
-
-/// By which of its lobes a surface shows light that only mirrors and glass sent on before.
-#[derive(Clone, Copy)]
-struct ShownFocused {
-    is_diffuse: bool,
-    is_glossy: bool,
-    /// Scatterings before, at most.
-    scatterings_max: u32,
 }
 
 struct LastVertex {
@@ -378,58 +370,6 @@ impl Tracer<'_> {
     /// known.
     fn asks_for_more(&self, path: &Path<'_>) -> bool {
         self.settings.bounces_max.is_none_or(|bounces| path.bounce + 1 < bounces)
-    }
-
-    /// Adds what the surface sends to the eye of light that only mirrors and glass sent on before, by its diffuse lobe and by
-    /// a broad gloss. True if that gloss has all of it: what is gathered by way of further mirrors would be part of it.
-    fn gather_focused(&self, path: &Path<'_>, surface: &Surface, sample: &mut PixelSample) -> bool {
-        let Some(caustics) = self.caustics else { return false };
-        let Some(shown) = self.shows_focused(path, surface) else { return false };
-        let wo = -path.ray.direction;
-        let mut focused = caustics.scattered(surface, wo, shown.scatterings_max);
-        if !self.settings.knows_openings {
-            let left = caustics.left(surface, wo, shown.scatterings_max);
-            focused.diffuse += left.diffuse;
-            focused.glossy += left.glossy;
-        }
-        let mut add = |scatter, radiance| {
-            let class = path.class.after(scatter).after(Scatter::Specular);
-            sample.radiance[class as usize] += path.throughput * radiance;
-        };
-        if shown.is_diffuse {
-            add(Scatter::Diffuse, focused.diffuse);
-        }
-        if shown.is_glossy {
-            add(Scatter::Specular, focused.glossy);
-        }
-        shown.is_glossy
-    }
-
-    /// By which lobes a surface shows the path light that only mirrors and glass sent on before, where that is known: the diffuse one, and
-    /// a broad gloss. `None`: by none.
-    fn shows_focused(&self, path: &Path<'_>, surface: &Surface) -> Option<ShownFocused> {
-        // A gloss shows the light of lamps in mirrors, which goes with the caustics.
-        let is_shown = self.settings.shown.contains(PathClass::Caustic);
-        let is_broad = is_shown
-            && surface.bsdf.has_broad_gloss()
-            && path.since_gathered == 0
-            // What it sends to a near surface before is known there.
-            && !path.is_beyond_near();
-        let is_diffuse = surface.bsdf.has_diffuse();
-        if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
-            return None;
-        }
-        // What is looked up is bounded by itself, whatever lies between the surface and the eye.
-        let scatterings_max = match self.settings.bounces_max.filter(|_| !self.settings.asks) {
-            Some(bounces) => bounces - path.bounce - 1,
-            None => u32::MAX,
-        };
-        Some(ShownFocused { is_diffuse, is_glossy: is_broad, scatterings_max })
-    }
-
-    /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
-    fn has_gathered(&self, path: &Path<'_>, scatterings: u32) -> bool {
-        self.settings.asks && path.since_gathered >= scatterings
     }
 
     /// Where light comes from at a surface that scatters it diffusely, if photons say so.

@@ -3,20 +3,16 @@
 
 use glam::Vec3;
 
-use super::{Followed, LastVertex, Path, ShownFocused, Tracer};
+use super::{Followed, LastVertex, Path, Tracer};
 use crate::{
     accel::Hit,
     film::PixelSample,
-    math::Rgb,
-    technique::{Guidance, LeftToSampling, path::Tally},
-    transport::{
-        BsdfValue, LightOrigin, LightSample, Opening, PathClass, Scatter, ShadowRay, Surface, Through,
-        bsdf::LobeValue,
-    },
+    technique::{Guidance, path::Tally},
+    transport::{Opening, PathClass, Scatter, Surface, Through, bsdf::LobeValue},
 };
 
 /// Power heuristic for one sample of each of two densities [Veach1997, 9.2.4], safe where squares overflow.
-fn power_heuristic(pdf: f32, other: f32) -> f32 {
+pub(super) fn power_heuristic(pdf: f32, other: f32) -> f32 {
     if pdf >= other {
         let ratio = other / pdf;
         1.0 / (1.0 + ratio * ratio)
@@ -148,83 +144,5 @@ impl Tracer<'_> {
         };
         add(&value.diffuse, Scatter::Diffuse);
         add(&value.glossy, Scatter::Specular);
-    }
-
-    /// Paths that find the sky behind panes by chance compete with light sampling there. Where such light is known they do not find it.
-    pub(super) fn competes_through_panes(&self) -> bool {
-        self.settings.knows_openings
-            && !self.settings.asks
-            && self.left_to_sampling() != LeftToSampling::SunsAndSky
-    }
-
-    fn samples_sky_through_panes(&self) -> bool {
-        self.competes_through_panes() || self.left_to_sampling() == LeftToSampling::SunsAndSky
-    }
-
-    /// What is known of caustics without it.
-    fn left_to_sampling(&self) -> LeftToSampling {
-        match self.caustics {
-            Some(caustics) if self.settings.knows_openings => caustics.leaves(),
-            _ => LeftToSampling::Nothing,
-        }
-    }
-
-    /// By which lobes a surface shows a light from infinitely far that panes let through: what is known of caustics may leave it to light
-    /// sampling, and else that competes with paths that find the sky. `None`: by none. Suns that nothing is known of nobody finds, on a card or
-    /// here.
-    fn shown_through_panes(
-        &self,
-        path: &Path<'_>,
-        surface: &Surface,
-        light: &LightSample,
-    ) -> Option<ShownFocused> {
-        if !self.world.has_glass() || !matches!(light.origin, LightOrigin::Infinite) {
-            return None;
-        }
-        if self.left_to_sampling().holds(light) {
-            let shown = self.shows_focused(path, surface)?;
-            // As photons are, that are bounded by themselves.
-            let of_photons = self.settings.bounces_max.map_or(u32::MAX, |bounces| bounces.saturating_sub(1));
-            return Some(ShownFocused { scatterings_max: shown.scatterings_max.min(of_photons), ..shown });
-        }
-        if light.is_delta || !self.competes_through_panes() {
-            return None;
-        }
-        let [is_diffuse, is_glossy] = [Scatter::Diffuse, Scatter::Specular]
-            .map(|scatter| self.settings.traced.contains(path.class.after(scatter).after(Scatter::Specular)));
-        let left = |bounces: u32| bounces.checked_sub(path.bounce + 1);
-        let scatterings_max = self.settings.bounces_max.map_or(Some(u32::MAX), left)?;
-        (is_diffuse || is_glossy).then_some(ShownFocused { is_diffuse, is_glossy, scatterings_max })
-    }
-
-    /// Adds that light, as far as panes let it through.
-    ///
-    /// - `found`: the light, the ray to it, and what would arrive without anything in between
-    /// - `shown`: what the surface makes of it, and by which lobes it does
-    fn add_through_panes(
-        &self,
-        path: &Path<'_>,
-        found: (&LightSample, &ShadowRay, Rgb),
-        (value, shown): (&BsdfValue, ShownFocused),
-        sample: &mut PixelSample,
-        tally: &mut impl Tally,
-    ) {
-        let (light, shadow_ray, arriving) = found;
-        let Some(passage) = self.world.through_panes(&shadow_ray.ray, |ray| tally.ray(ray)) else { return };
-        if passage.boundaries > shown.scatterings_max {
-            return;
-        }
-        let is_alone = self.left_to_sampling().holds(light);
-        let mut add = |lobe: &LobeValue, scatter| {
-            let weight = if is_alone { 1.0 } else { power_heuristic(light.pdf, lobe.pdf_solid_angle) };
-            let class = path.class.after(scatter).after(Scatter::Specular);
-            sample.radiance[class as usize] += arriving * passage.share * lobe.f_cos * weight;
-        };
-        if shown.is_diffuse {
-            add(&value.diffuse, Scatter::Diffuse);
-        }
-        if shown.is_glossy {
-            add(&value.glossy, Scatter::Specular);
-        }
     }
 }
