@@ -89,7 +89,7 @@ impl Tracer<'_> {
         self.competes_through_panes() || self.left_to_sampling() == LeftToSampling::SunsAndSky
     }
 
-    /// What is known of caustics without it.
+    /// What the caustics that are known lack.
     fn left_to_sampling(&self) -> LeftToSampling {
         match self.caustics {
             Some(caustics) if self.settings.knows_openings => caustics.leaves(),
