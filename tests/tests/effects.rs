@@ -110,27 +110,28 @@ fn rooms_of_light_add_up_to_the_path_tracer_layer_by_layer() {
     assert!(with_caustics >= 2, "{with_caustics} rooms have caustics worth the name");
 }
 
-/// A room with a pane in its window, without its sun or without its sky.
-fn glazed_room(light: Through) -> Scene {
-    let scene = samples::glazed_room().expect("a scene");
-    let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
-    match light {
-        Through::Sky => builder.remove_light("sun").expect("a sun"),
-        Through::Sun => builder.set_environment(Environment::Constant(Rgb::BLACK)).expect("a night"),
-    }
-    builder.finish().0
-}
-
-enum Through {
+/// What shines into a room.
+enum Outside {
     Sky,
     Sun,
+}
+
+/// A room with a pane in its window, under its sky alone or its sun alone.
+fn glazed_room(outside: Outside) -> Scene {
+    let scene = samples::glazed_room().expect("a scene");
+    let mut builder = SceneBuilder::from_scene(&scene, SceneLimits::default());
+    match outside {
+        Outside::Sky => builder.remove_light("sun").expect("a sun"),
+        Outside::Sun => builder.set_environment(Environment::Constant(Rgb::BLACK)).expect("a night"),
+    }
+    builder.finish().0
 }
 
 /// The same of a room under a sky, with a pane in its window: path tracing finds that behind it by chance and by light sampling, and what is
 /// looked up leaves it to light sampling. Fewer scatterings let it through or not in both.
 #[test]
 fn skies_behind_panes_add_up_to_the_path_tracer_layer_by_layer() {
-    let world = Arc::new(World::prepare(Arc::new(glazed_room(Through::Sky))));
+    let world = Arc::new(World::prepare(Arc::new(glazed_room(Outside::Sky))));
     for indirect in [Indirect::Octree, Indirect::Irradiance] {
         let compared = compare_layers(&format!("{indirect:?}"), &world, indirect, PASSES);
         assert!(compared.failures.is_empty(), "{}", compared.failures.join("\n"));
@@ -235,7 +236,7 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     for (name, scene, effects) in [
         ("mirror", hidden_scene(), EffectChoices::default()),
         ("mirror", hidden_scene(), without),
-        ("pane", glazed_room(Through::Sun), EffectChoices::default()),
+        ("pane", glazed_room(Outside::Sun), EffectChoices::default()),
     ] {
         let world = Arc::new(World::prepare(Arc::new(scene)));
         let of = |indirect| RenderSettings { indirect, effects, seed: 7, ..RenderSettings::default() };

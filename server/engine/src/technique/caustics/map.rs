@@ -245,10 +245,7 @@ impl FocusedLight for CausticMap {
     }
 
     fn left(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
-        match self.straight.is_empty() {
-            true => FocusedScatter::default(),
-            false => scattered_of(&self.straight, surface, wo, scatterings_max),
-        }
+        scattered_of(&self.straight, surface, wo, scatterings_max)
     }
 
     fn leaves(&self) -> LeftToSampling {

@@ -205,10 +205,9 @@ pub struct FocusedScatter {
 
 /// What of the light from infinitely far that comes straight through panes ([`World::through_panes`](crate::transport::World::through_panes))
 /// is for light sampling to find, and not in what is looked up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LeftToSampling {
     /// Nothing.
-    #[default]
     Nothing,
     /// That of directional lights.
     Suns,
