@@ -137,27 +137,47 @@ fn has_gathered(path: Path, scatterings: u32) -> bool {
 
 /// `Tracer::gather_focused`.
 fn gather_focused(slot: u32, path: Path, surface: Surface, is_beyond_near: bool) -> bool {
-    let is_broad = (pass_header.focus & SHOWS_CAUSTICS) != 0u
-        && has_broad_gloss(surface.bsdf)
-        && path.since_gathered == 0u
-        && !is_beyond_near;
-    let is_diffuse = has_diffuse(surface.bsdf);
-    if !(is_broad || is_diffuse) || path.bounce + 1u >= pass_header.bounces_end {
+    let shown = shows_focused(path, surface, has_broad_gloss(surface.bsdf), is_beyond_near);
+    if !shown.is_any {
         return false;
     }
-    // What is looked up is bounded by itself, whatever lies between the surface and the eye.
-    let is_bounded = pass_header.bounces_end < BOUNCES_END && (pass_header.focus & IS_ASKING) == 0u;
-    let scatterings_max = select(0xffffffffu, pass_header.bounces_end - path.bounce - 1u, is_bounded);
-    let focused = focused_light(surface, -path.direction, scatterings_max);
-    if is_diffuse {
+    let focused = focused_light(surface, -path.direction, shown.scatterings_max);
+    if shown.is_diffuse {
         let class_of_light = class_after(class_after(path.class_so_far, false), true);
         add_radiance(slot, class_of_light, path.throughput * focused.diffuse);
     }
-    if is_broad {
+    if shown.is_glossy {
         let class_of_light = class_after(class_after(path.class_so_far, true), true);
         add_radiance(slot, class_of_light, path.throughput * focused.glossy);
     }
-    return is_broad;
+    return shown.is_glossy;
+}
+
+/// By which of its lobes a surface shows light that only mirrors and glass sent on before.
+struct ShownFocused {
+    is_any: bool,
+    is_diffuse: bool,
+    is_glossy: bool,
+    /// Scatterings before, at most.
+    scatterings_max: u32,
+}
+
+/// `Tracer::shows_focused`.
+///
+/// - `is_shown_by_gloss`: its gloss is one of those that do
+fn shows_focused(path: Path, surface: Surface, is_shown_by_gloss: bool, is_beyond_near: bool) -> ShownFocused {
+    let is_shown = (pass_header.focus & SHOWS_CAUSTICS) != 0u;
+    let is_glossy = is_shown
+        && is_shown_by_gloss
+        && path.since_gathered == 0u
+        && !is_beyond_near;
+    // From surfaces that are seen, nothing else.
+    let is_diffuse = has_diffuse(surface.bsdf) && (is_shown || path.class_so_far != EMITTED);
+    let is_any = (is_glossy || is_diffuse) && path.bounce + 1u < pass_header.bounces_end;
+    // What is looked up is bounded by itself, whatever lies between the surface and the eye.
+    let is_bounded = pass_header.bounces_end < BOUNCES_END && (pass_header.focus & IS_ASKING) == 0u;
+    let scatterings_max = select(0xffffffffu, pass_header.bounces_end - path.bounce - 1u, is_bounded);
+    return ShownFocused(is_any, is_diffuse, is_glossy, scatterings_max);
 }
 
 /// What something near may hide of the known light.
@@ -181,7 +201,8 @@ fn add_unless_hidden(
     shadow.light_triangle = NO_INDEX;
     shadow.left_instance = hit.instance;
     shadow.left_triangle = hit.triangle;
-    ask_for(pass_header.capacity + slot, shadow);
+    shadow.by_panes = NO_INDEX;
+    ask_for(OF_KNOWN * pass_header.capacity + slot, shadow);
 }
 
 /// Its ray is traced in the step to come.
@@ -257,6 +278,7 @@ fn add_light_sample(
     shadow.light = light.number;
     shadow.light_instance = NO_INDEX;
     shadow.light_triangle = NO_INDEX;
+    shadow.by_panes = NO_INDEX;
     var medium_share = vec3f(1.0);
     if light.origin != 0u {
         var end = light.target_in_render;
@@ -298,7 +320,45 @@ fn add_light_sample(
     shadow.classes = class_of_diffuse | (class_of_glossy << 8u);
     shadow.left_instance = hit.instance;
     shadow.left_triangle = hit.triangle;
+    if HAS_GLASS && light.origin == 0u {
+        shadow.by_panes = note_by_panes(slot, path, surface, light.is_delta, followed, value, arriving);
+    }
     ask_for(slot, shadow);
+}
+
+/// Notes what the surface makes of a light from infinitely far that panes let through, where that is left to light sampling:
+/// `Tracer::shown_through_panes`. Returns where; NO_INDEX: nowhere.
+///
+/// - `arriving`: without anything in between
+fn note_by_panes(
+    slot: u32,
+    path: Path,
+    surface: Surface,
+    is_sun: bool,
+    followed: u32,
+    value: BsdfValue,
+    arriving: vec3f,
+) -> u32 {
+    if (pass_header.focus & select(LEAVES_SKY, LEAVES_SUNS, is_sun)) == 0u {
+        return NO_INDEX;
+    }
+    // A narrow gloss finds the sky by where it sends paths, and no sun.
+    let is_shown_by_gloss = is_sun || has_broad_gloss(surface.bsdf);
+    let shown = shows_focused(path, surface, is_shown_by_gloss, followed != FOLLOWED_WANTED);
+    if !shown.is_any {
+        return NO_INDEX;
+    }
+    var beyond: Shadow;
+    let class_of_diffuse = class_after(class_after(path.class_so_far, false), true);
+    let class_of_glossy = class_after(class_after(path.class_so_far, true), true);
+    beyond.classes = class_of_diffuse | (class_of_glossy << 8u);
+    beyond.diffuse = select(vec3f(0.0), arriving * value.diffuse.f_cos, shown.is_diffuse);
+    beyond.glossy = select(vec3f(0.0), arriving * value.glossy.f_cos, shown.is_glossy);
+    // As photons are, that are bounded by themselves.
+    beyond.light = min(shown.scatterings_max, pass_header.bounces_end - 1u);
+    let place = BY_PANES * pass_header.capacity + slot;
+    shadows[place] = beyond;
+    return place;
 }
 
 fn scatter(

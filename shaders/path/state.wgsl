@@ -73,9 +73,10 @@ struct Shadow {
     light_triangle: u32,
     left_instance: u32,
     left_triangle: u32,
-    /// Of a light without extent, its number; NO_INDEX of others.
+    /// Of a light without extent, its number; NO_INDEX of others. What comes by panes: boundaries that it may pass.
     light: u32,
-    padding_0: u32,
+    /// Place of what the same light brings by panes where something hides it; NO_INDEX: nothing.
+    by_panes: u32,
 }
 
 /// Paths that go on: queue `parity` is read, the other filled.
@@ -94,15 +95,24 @@ struct Counters {
     shadows_at: u32,
     /// Those that maps leave to rays.
     next_left_count: atomic<u32>,
+    /// Rays that followed light through panes.
+    pane_rays: atomic<u32>,
 }
 
 /// What is focused on surfaces holds all light by way of mirrors and glass that falls there; else what is not found without it.
 const IS_ASKING: u32 = 1u;
 const SHOWS_CAUSTICS: u32 = 2u;
+/// Light of suns, and of the sky too, that comes straight through panes is for light sampling to find.
+const LEAVES_SUNS: u32 = 4u;
+const LEAVES_SKY: u32 = 8u;
 
 /// Queues of shadow rays, by how many times `capacity` they begin.
 const SHADOWS: u32 = 2u;
 const LEFT_SHADOWS: u32 = 4u;
+
+/// Places among shadows, in the same way.
+const BY_PANES: u32 = 1u;
+const OF_KNOWN: u32 = select(1u, 2u, HAS_GLASS);
 
 const EMITTED: u32 = 0u;
 const DIRECT: u32 = 1u;
@@ -112,7 +122,8 @@ const INDIRECT: u32 = 3u;
 @group(2) @binding(0) var<uniform> pass_header: PassHeader;
 @group(2) @binding(1) var<storage, read_write> paths: array<Path>;
 @group(2) @binding(2) var<storage, read_write> hits: array<Hit>;
-/// By slot; behind those, `capacity` further on, of known light, where shadows of that are asked for.
+/// By slot; behind those, `capacity` further on each, where there is glass what comes by panes, and where shadows of that are asked for,
+/// known light.
 @group(2) @binding(3) var<storage, read_write> shadows: array<Shadow>;
 // Binding 4: `samples`.
 /// Queues of `capacity` slots: rays, rays, and shadow rays, of which there may be twice as many; where maps are asked, again of
@@ -169,4 +180,5 @@ fn begin_counting() {
     atomicStore(&counters.kept, 0u);
     counters.shadows_at = SHADOWS * pass_header.capacity;
     atomicStore(&counters.next_left_count, 0u);
+    atomicStore(&counters.pane_rays, 0u);
 }

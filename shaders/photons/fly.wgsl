@@ -75,11 +75,8 @@ fn scatter(path: ptr<function, Path>, hit: Hit, surface: Surface) -> bool {
     let wo = -(*path).direction;
     let wo_local = frame_to_local(surface.frame, wo);
     let wi = frame_to_world(surface.frame, drawn.wi);
-    var weight = (*path).throughput * drawn.weight * drawn.eta_squared;
-    let bent = abs(dot(wo, surface.point.n_geo) * drawn.wi.z);
-    if bent > 0.0 {
-        weight *= abs(wo_local.z * dot(wi, surface.point.n_geo)) / bent;
-    }
+    let weight = (*path).throughput * drawn.weight
+        * (drawn.eta_squared * flux_over_radiance(surface, wo, wo_local, wi, drawn.wi));
     let carried = luminance(weight);
     if !(carried > 0.0 && max_component(weight) <= FLOAT_MAX) {
         return false;

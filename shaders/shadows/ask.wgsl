@@ -8,7 +8,9 @@ fn ask(@builtin(global_invocation_id) id: vec3u) {
     let place = queues[counters.shadows_at + id.x];
     let shadow = shadows[place];
     let share = lit_share(shadow);
-    if share == ASKS_FOR_RAY {
+    // What hides it may be a pane.
+    let is_behind = HAS_GLASS && shadow.by_panes != NO_INDEX && share < 1.0;
+    if share == ASKS_FOR_RAY || is_behind {
         let left = atomicAdd(&counters.next_left_count, 1u);
         queues[LEFT_SHADOWS * pass_header.capacity + left] = place;
         return;

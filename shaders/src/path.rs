@@ -14,6 +14,7 @@ pub(crate) static BSDF: Part =
     Part { name: "transport/bsdf", source: include_str!("../transport/bsdf.wgsl") };
 pub(crate) static SURFACE: Part =
     Part { name: "transport/surface", source: include_str!("../transport/surface.wgsl") };
+static PANES: Part = Part { name: "transport/panes", source: include_str!("../transport/panes.wgsl") };
 static LIGHTS: Part = Part { name: "transport/lights", source: include_str!("../transport/lights.wgsl") };
 static KNOWN: Part = Part { name: "path/known", source: include_str!("../path/known.wgsl") };
 static OCTREE: Part = Part { name: "octree/look_up", source: include_str!("../octree/look_up.wgsl") };
@@ -105,7 +106,7 @@ pub static PATH_HAND_OVER: Step = Step {
 pub static PATH_OCCLUDED: Step = Step {
     name: "path/occluded",
     entry_point: "occluded",
-    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &PIXEL, &OCCLUDED_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &TREE, &PANES, &STATE, &PIXEL, &OCCLUDED_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 
@@ -127,7 +128,7 @@ pub static GATHER_SHADE_BY_OCTREE: Step = shading!("gather/shade_by_octree", RAY
 pub static GATHER_OCCLUDED: Step = Step {
     name: "gather/occluded",
     entry_point: "occluded",
-    parts: &[&NUMBERS, &SCENE, &TREE, &STATE, &RAY, &OCCLUDED_ENTRY],
+    parts: &[&NUMBERS, &SCENE, &BSDF, &SURFACE, &TREE, &PANES, &STATE, &RAY, &OCCLUDED_ENTRY],
     workgroup_size: [64, 1, 1],
 };
 

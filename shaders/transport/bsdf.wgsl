@@ -273,8 +273,7 @@ fn glass_sample(bsdf: Bsdf, wo: vec3f, u: vec3f) -> BsdfSample {
         return BsdfSample(true, true, vec3f(-wo.xy, wo.z), vec3f(1.0), NO_DENSITY, 1.0);
     }
     if u.x < reflected + (1.0 - reflected) * bsdf.transmission {
-        let wi = normalize_or(vec3f(-wo.xy / eta, -copysign(boundary.y, wo.z)), -wo);
-        return BsdfSample(true, true, wi, bsdf.color * (1.0 / (eta * eta)), NO_DENSITY, eta * eta);
+        return glass_passed(bsdf, wo, eta, boundary.y);
     }
     var wi = cosine_hemisphere(u.yz);
     wi.z = copysign(wi.z, wo.z);
@@ -284,6 +283,24 @@ fn glass_sample(bsdf: Bsdf, wo: vec3f, u: vec3f) -> BsdfSample {
     }
     let weight = value.f_cos * (1.0 / value.pdf_solid_angle);
     return BsdfSample(true, false, wi, weight, value.pdf_solid_angle, 1.0);
+}
+
+/// All that passes, undrawn: `Glass::passing`.
+fn glass_passing(bsdf: Bsdf, wo: vec3f) -> BsdfSample {
+    let eta = glass_eta_from(bsdf, wo);
+    let boundary = fresnel_dielectric(abs(wo.z), eta);
+    let transmission = (1.0 - boundary.x) * bsdf.transmission;
+    if !(transmission > 0.0) {
+        return absorbed();
+    }
+    var passed = glass_passed(bsdf, wo, eta, boundary.y);
+    passed.weight *= transmission;
+    return passed;
+}
+
+fn glass_passed(bsdf: Bsdf, wo: vec3f, eta: f32, cos_t: f32) -> BsdfSample {
+    let wi = normalize_or(vec3f(-wo.xy / eta, -copysign(cos_t, wo.z)), -wo);
+    return BsdfSample(true, true, wi, bsdf.color * (1.0 / (eta * eta)), NO_DENSITY, eta * eta);
 }
 
 // All of them.

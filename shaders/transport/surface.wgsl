@@ -157,6 +157,15 @@ fn surface_at(instance: u32, triangle: u32, b1: f32, b2: f32, direction: vec3f) 
     return surface;
 }
 
+/// What flux takes on at a bent normal beside the weight of radiance: `Flight::scattered`.
+fn flux_over_radiance(surface: Surface, wo: vec3f, wo_local: vec3f, wi: vec3f, wi_local: vec3f) -> f32 {
+    let bent = abs(dot(wo, surface.point.n_geo) * wi_local.z);
+    if bent > 0.0 {
+        return abs(wo_local.z * dot(wi, surface.point.n_geo)) / bent;
+    }
+    return 1.0;
+}
+
 /// Share of light left after a way through what fills a material; `medium` as in [`Surface`].
 fn transmittance(medium: u32, distance_m: f32) -> vec3f {
     if !HAS_GLASS || medium == 0u {

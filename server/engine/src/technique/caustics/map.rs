@@ -43,16 +43,12 @@ pub struct CausticPhoton {
     pub scatterings: u16,
     /// The triangle it fell on faces the other way.
     pub is_on_back: bool,
-    /// It came straight through panes from infinitely far, where light sampling finds it as well.
-    pub is_straight: bool,
 }
 
 /// The caustics of one pass.
 #[derive(Debug)]
 pub struct CausticMap {
-    grids: Vec<Grid>,
-    /// Of photons that came straight through panes: for who samples no light there.
-    straight: Vec<Grid>,
+    pub(super) grids: Vec<Grid>,
     /// Of what photons there may be.
     light: CausticLight,
 }
@@ -78,13 +74,7 @@ impl CausticMap {
     /// Of photons whose radii are known; those without any are left out.
     pub(super) fn of(mut photons: Vec<CausticPhoton>, light: CausticLight) -> CausticMap {
         photons.retain(|photon| photon.radius_m > 0.0);
-        let (straight, others) = photons.into_iter().partition(|photon| photon.is_straight);
-        CausticMap { grids: grids_of(others), straight: grids_of(straight), light }
-    }
-
-    /// All grids, those of light that look-ups leave out as well.
-    pub(super) fn all_grids(&self) -> impl Iterator<Item = &Grid> {
-        self.grids.iter().chain(&self.straight)
+        CausticMap { grids: grids_of(photons), light }
     }
 
     /// Memory of photons and grids.
@@ -93,7 +83,7 @@ impl CausticMap {
             let of_photon = size_of::<CausticPhoton>() + size_of::<[f32; 4]>();
             grid.photons.len() * of_photon + (grid.starts.len() + grid.entries.len()) * size_of::<u32>()
         };
-        self.all_grids().map(of_grid).sum()
+        self.grids.iter().map(of_grid).sum()
     }
 }
 
@@ -221,38 +211,26 @@ impl Buckets {
     }
 }
 
-/// What photons in some grids light.
-fn scattered_of(grids: &[Grid], surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
-    let mut lit = Lit::new(surface, wo, scatterings_max);
-    let p = surface.point.position;
-    for grid in grids {
-        grid.near(p, |photon| {
-            let away = p - photon.position;
-            let r2 = photon.radius_m * photon.radius_m;
-            let above = away.dot(photon.normal);
-            let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
-            if d2 < r2 {
-                lit.add(photon, FRAC_2_PI / r2 * (1.0 - d2 / r2));
-            }
-        });
-    }
-    lit.scatter()
-}
-
 impl FocusedLight for CausticMap {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
-        scattered_of(&self.grids, surface, wo, scatterings_max)
-    }
-
-    fn left(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
-        scattered_of(&self.straight, surface, wo, scatterings_max)
+        let mut lit = Lit::new(surface, wo, scatterings_max);
+        let p = surface.point.position;
+        for grid in &self.grids {
+            grid.near(p, |photon| {
+                let away = p - photon.position;
+                let r2 = photon.radius_m * photon.radius_m;
+                let above = away.dot(photon.normal);
+                let d2 = away.length_squared() + (FLATNESS * FLATNESS - 1.0) * above * above;
+                if d2 < r2 {
+                    lit.add(photon, FRAC_2_PI / r2 * (1.0 - d2 / r2));
+                }
+            });
+        }
+        lit.scatter()
     }
 
     fn leaves(&self) -> LeftToSampling {
-        match self.light {
-            CausticLight::All => LeftToSampling::SunsAndSky,
-            CausticLight::Hidden => LeftToSampling::Suns,
-        }
+        self.light.left()
     }
 
     fn packed(&self) -> Option<PackedFocused> {

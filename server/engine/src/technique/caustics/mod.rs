@@ -14,8 +14,8 @@
 //!
 //! **Consistent**: blurs in every finite picture; what they lose at borders is made up for (`borders.rs`). It sees light of
 //! point, spot and directional lights by way of mirrors and clear glass, which no path from the eye can find; and can be asked
-//! for that alone. What comes straight through panes from infinitely far it holds for cards: on the CPU light sampling finds it
-//! ([`World::through_panes`]). What such light shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
+//! for that alone. What comes straight through panes from infinitely far it leaves to light sampling ([`World::through_panes`]). What other light
+//! of that kind shows in a gloss of less than [`crate::transport::Bsdf::has_broad_gloss`] nobody finds.
 
 mod borders;
 mod map;
@@ -45,7 +45,7 @@ use self::{
     photons::{CausticTracer, Job, Traced},
     pilot::Pilot,
 };
-use super::{Bias, Card, Counts, Edit, FocusedLight, Progress, Step, Technique, View};
+use super::{Bias, Card, Counts, Edit, FocusedLight, LeftToSampling, Progress, Step, Technique, View};
 use crate::{
     math::sobol,
     transport::{Aim, PathClass, Source, World},
@@ -59,6 +59,16 @@ pub enum CausticLight {
     All,
     /// Light that no path from the eye can find: of lights without size, by a mirror or clear glass first.
     Hidden,
+}
+
+impl CausticLight {
+    /// What of it photons leave to light sampling.
+    fn left(self) -> LeftToSampling {
+        match self {
+            CausticLight::All => LeftToSampling::SunsAndSky,
+            CausticLight::Hidden => LeftToSampling::Suns,
+        }
+    }
 }
 
 /// Parameters of caustics.

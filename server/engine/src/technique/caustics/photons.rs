@@ -80,6 +80,20 @@ pub(super) fn take(jobs: &mut Vec<Job>, count: u32) -> Vec<Job> {
     taken
 }
 
+/// How light came to where it fell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Came {
+    /// Straight through panes from infinitely far, where light sampling finds it ([`World::through_panes`]).
+    ByPanes,
+    /// By way of mirrors or glass that turn it.
+    Focused,
+}
+
+/// Keeps what maps are to hold.
+pub(super) fn focused_into(photons: &mut Vec<CausticPhoton>) -> impl FnMut(Came, CausticPhoton) {
+    |came, photon| photons.extend((came == Came::Focused).then_some(photon))
+}
+
 /// What following took.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Traced {
@@ -107,7 +121,7 @@ impl CausticTracer<'_> {
                 let light = &lights[job.light];
                 for number in job.numbers {
                     traced.photons += 1;
-                    traced.rays += self.trace(light, job.half, number as u32, &mut photons);
+                    traced.rays += self.trace(light, job.half, number as u32, focused_into(&mut photons));
                 }
             }
             (photons, traced)
@@ -120,24 +134,33 @@ impl CausticTracer<'_> {
         })
     }
 
-    fn trace(&self, light: &AimedLight, half: u32, number: u32, photons: &mut Vec<CausticPhoton>) -> u64 {
+    /// Sends one out and follows it; as [`CausticTracer::follow`].
+    pub(super) fn trace(
+        &self,
+        light: &AimedLight,
+        half: u32,
+        number: u32,
+        fell: impl FnMut(Came, CausticPhoton),
+    ) -> u64 {
         let key = light.key ^ u64::from(half);
         let numbers = emission_of(key, number);
         let Some(emitted) = self.world.emit_at(&light.source, &light.aim, &numbers) else { return 0 };
         let flux_w = emitted.flux_w * (1.0 / light.photon_count) as f32;
-        self.follow(&light.source, AimedPhoton { flux_w, ..emitted }, (key, number), photons)
+        let emitted = AimedPhoton { flux_w, ..emitted };
+        self.follow(&light.source, emitted, (key, number), fell)
     }
 
-    /// Follows one photon and adds what falls on surfaces that show it. Returns how many rays that took.
+    /// Follows one photon. Returns how many rays that took.
     ///
     /// - `emitted`: its first ray, and what it carries, W
     /// - `named`: its sequence and its number in it
+    /// - `fell`: called with what falls on surfaces that show it
     pub(super) fn follow(
         &self,
         source: &Source,
         emitted: AimedPhoton,
         named: (u64, u32),
-        photons: &mut Vec<CausticPhoton>,
+        mut fell: impl FnMut(Came, CausticPhoton),
     ) -> u64 {
         let four = |set: u32| four(named.0, set, named.1);
         let [_, chance, ..] = four(1);
@@ -156,7 +179,11 @@ impl CausticTracer<'_> {
                 let kept = (STORED_SURELY / shown_count as f32).min(1.0);
                 if (chance + shown_count as f32 * GOLDEN_RATIO).fract() < kept {
                     let faces = facing(&surface, towards_light);
-                    photons.push(CausticPhoton {
+                    let came = match passed {
+                        Some(passed) if passed.is_straight(flight.ray.direction) => Came::ByPanes,
+                        _ => Came::Focused,
+                    };
+                    let photon = CausticPhoton {
                         position: surface.point.position,
                         radius_m: 0.0,
                         flux_w: flight.weight * (1.0 / kept),
@@ -165,8 +192,8 @@ impl CausticTracer<'_> {
                         sheet: Sheet::of(hit.instance, self.world.primitive_of(&hit), faces),
                         scatterings: bounce as u16,
                         is_on_back: towards_light.dot(surface.point.n_geo) < 0.0,
-                        is_straight: passed.is_some_and(|passed| passed.is_straight(flight.ray.direction)),
-                    });
+                    };
+                    fell(came, photon);
                 }
             }
             let [lobe, u, v, survival] = four(2 + bounce);

@@ -47,8 +47,8 @@ impl Sheet {
 /// the photons they are for.
 #[derive(Debug)]
 pub(super) struct Pilot {
-    /// Of sheets with enough photons: those that came straight through panes by themselves, since a map is asked for the others alone.
-    of_sheets: BTreeMap<(Sheet, bool), Crowds>,
+    /// Of sheets with enough photons.
+    of_sheets: BTreeMap<Sheet, Crowds>,
     /// Of all photons by the way they face, for the other sheets.
     of_ways: [Option<Crowds>; WAYS],
     radius_max_m: f32,
@@ -81,10 +81,10 @@ impl Pilot {
         let share = even.clamp(RADIUS_MAX[0], RADIUS_MAX[1]);
         let radius_max_m = extent_m(photons).max(least_m) * share;
         let radius_max_m = if radius_max_m.is_finite() { radius_max_m } else { 0.0 };
-        let mut by_sheet: BTreeMap<(Sheet, bool), Vec<Placed>> = BTreeMap::new();
+        let mut by_sheet: BTreeMap<Sheet, Vec<Placed>> = BTreeMap::new();
         for photon in photons.iter().filter(|_| radius_max_m > 0.0) {
             let placed = (photon.position.to_array(), photon.flux_w.luminance());
-            by_sheet.entry((photon.sheet, photon.is_straight)).or_default().push(placed);
+            by_sheet.entry(photon.sheet).or_default().push(placed);
         }
         let mut of_sheets = BTreeMap::new();
         // Those of sheets with too few photons last: only they look for neighbours on others.
@@ -94,12 +94,12 @@ impl Pilot {
             by_sheet.into_iter().partition(|(_, placed)| placed.len() < NEIGHBOURS.get());
         for (sheet, placed) in many {
             if let Some(crowds) = Crowds::of(&placed, Vec::new(), radius_max_m) {
-                of_ways[sheet.0.way()].extend(placed);
-                known[sheet.0.way()].extend(&crowds.crowds);
+                of_ways[sheet.way()].extend(placed);
+                known[sheet.way()].extend(&crowds.crowds);
                 of_sheets.insert(sheet, crowds);
             }
         }
-        few.into_iter().for_each(|((sheet, _), placed)| of_ways[sheet.way()].extend(placed));
+        few.into_iter().for_each(|(sheet, placed)| of_ways[sheet.way()].extend(placed));
         let of_ways = std::array::from_fn(|way| {
             Crowds::of(&of_ways[way], std::mem::take(&mut known[way]), radius_max_m)
         });
@@ -115,8 +115,7 @@ impl Pilot {
 
     /// How far a photon is blurred in the first pass.
     fn radius_m(&self, photon: &CausticPhoton) -> f32 {
-        let of_sheet = self.of_sheets.get(&(photon.sheet, photon.is_straight));
-        let known = of_sheet.or(self.of_ways[photon.sheet.way()].as_ref());
+        let known = self.of_sheets.get(&photon.sheet).or(self.of_ways[photon.sheet.way()].as_ref());
         let Some(Crowds { tree, crowds }) = known else { return self.radius_max_m };
         let nearest =
             tree.query(&photon.position.to_array()).nearest_one::<SquaredEuclidean<f32>>().execute();
@@ -200,7 +199,6 @@ mod tests {
                 sheet: Sheet::of(0, 0, Vec3::Y),
                 scatterings: 1,
                 is_on_back: false,
-                is_straight: false,
             };
             let near = (0..=1000).map(|number| photon(number as f32 * 1e-3, 1e-3));
             let far = (0..10).map(|_| photon(50.0, stray_w));

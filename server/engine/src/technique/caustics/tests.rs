@@ -411,7 +411,6 @@ fn degenerate_photons_make_finite_maps() {
         sheet: Sheet::of(0, 0, Vec3::NEG_Y),
         scatterings: 1,
         is_on_back: false,
-        is_straight: false,
     };
     let line = |count: u32, flux: f32| (0..count).map(move |i| photon(Vec3::X * i as f32 * 0.01, flux));
     let cases: Vec<Vec<CausticPhoton>> = vec![
@@ -528,7 +527,6 @@ fn photons_at_borders_carry_what_the_rest_of_their_blurs_would() {
             sheet: Sheet::of(hit.instance, 0, Vec3::Y),
             scatterings: 1,
             is_on_back: surface.point.n_geo.y < 0.0,
-            is_straight: false,
         };
         let mut photons = vec![photon; 20_000];
         borders::correct(&world, &mut photons, 0, 9);

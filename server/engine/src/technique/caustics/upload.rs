@@ -16,11 +16,11 @@ const GRID_WORDS: usize = 9;
 impl CausticMap {
     /// The photons as look-ups on a graphics card read them.
     pub(super) fn pack_photons(&self) -> PackedPhotons {
-        let grid_count = self.all_grids().count();
+        let grid_count = self.grids.len();
         let mut words = vec![grid_count as u32];
         words.resize(GRIDS_AT + GRID_WORDS * grid_count, 0);
-        let mut photons = Vec::with_capacity(self.all_grids().map(|grid| grid.photons.len()).sum());
-        for (number, grid) in self.all_grids().enumerate() {
+        let mut photons = Vec::with_capacity(self.grids.iter().map(|grid| grid.photons.len()).sum());
+        for (number, grid) in self.grids.iter().enumerate() {
             let Grid { cell_m, min, max, starts, entries, .. } = grid;
             let starts_at = words.len() as u32;
             let ends = [min.to_array(), max.to_array()].concat();

@@ -67,7 +67,9 @@ use crate::{
     film::{Film, Outdated},
     gpu::{FrameOnCard, GpuError, ReadBack},
     math::{Rgb, sobol::PixelSampler},
-    technique::{Canvas, Card, Counts, Edit, FocusedLight, Progress, SecondaryLight, Step, Technique},
+    technique::{
+        Canvas, Card, Counts, Edit, FocusedLight, LeftToSampling, Progress, SecondaryLight, Step, Technique,
+    },
     transport::PathClass,
 };
 
@@ -79,6 +81,8 @@ const SOFTWARE_BATCH_SECONDS: f64 = 0.1;
 /// Flags of `GpuPassHeader::focus`.
 const IS_ASKING: u32 = 1;
 const SHOWS_CAUSTICS: u32 = 2;
+const LEAVES_SUNS: u32 = 4;
+const LEAVES_SKY: u32 = 8;
 /// Devices that may be lost one after the other without a finished pass before it is given up.
 const LOSSES_MAX: u32 = 3;
 /// Samples that a thread copies at a time: 384 KiB, which takes longer than finding a thread.
@@ -125,6 +129,21 @@ pub(super) struct GpuCounters {
     kept: u32,
     shadows_at: u32,
     next_left_count: u32,
+    pane_rays: u32,
+}
+
+/// `GpuPassHeader::focus`.
+///
+/// - `focused`: what is known of such light
+fn focus_of(settings: &PathSettings, focused: Option<&dyn FocusedLight>) -> u32 {
+    let asking = if settings.asks { IS_ASKING } else { 0 };
+    let shown = if settings.shown.contains(PathClass::Caustic) { SHOWS_CAUSTICS } else { 0 };
+    let left = match settings.left_to_sampling(focused) {
+        LeftToSampling::Nothing => 0,
+        LeftToSampling::Suns => LEAVES_SUNS,
+        LeftToSampling::SunsAndSky => LEAVES_SUNS | LEAVES_SKY,
+    };
+    asking | shown | left
 }
 
 /// A pass that was begun.
@@ -381,8 +400,8 @@ impl GpuPathTracer {
         };
         let pass = film.passes_min();
         let pixel_count = film.size().pixel_count();
-        let header = self.header_of(view, film, pass);
         let focused = &step.products.caustics;
+        let header = self.header_of(view, film, pass, focused.as_deref());
         let of_this = |begun: &Begun| {
             let is_same = known::is_same(begun.focused.as_ref(), focused.as_ref());
             begun.header == header && begun.pass == pass && is_same
@@ -455,7 +474,13 @@ impl GpuPathTracer {
         Ok(())
     }
 
-    fn header_of(&self, view: &View, film: &Film, pass: u32) -> GpuPassHeader {
+    fn header_of(
+        &self,
+        view: &View,
+        film: &Film,
+        pass: u32,
+        focused: Option<&dyn FocusedLight>,
+    ) -> GpuPassHeader {
         let seed_key = PixelSampler::seed_key(self.settings.seed);
         let (_, dimmed) = undimmed(self.secondary.as_ref());
         GpuPassHeader {
@@ -476,8 +501,7 @@ impl GpuPathTracer {
             bounces_end: self.settings.bounces_max.unwrap_or(BOUNCES_END),
             shadowed_from: self.settings.shadowed_from(),
             dimmed: dimmed.to_array(),
-            focus: if self.settings.asks { IS_ASKING } else { 0 }
-                | if self.settings.shown.contains(PathClass::Caustic) { SHOWS_CAUSTICS } else { 0 },
+            focus: focus_of(&self.settings, focused),
             ..GpuPassHeader::zeroed()
         }
     }

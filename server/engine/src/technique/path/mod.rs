@@ -15,7 +15,7 @@
 //! ([`ArrivingLight`]).
 //!
 //! What it cannot find: light from point, spot and directional lights by way of mirrors and glass (a density zero path
-//! for any eye path), as in every path tracer. The caustics room brings it, where [`super::Products::caustics`] holds that
+//! for any eye path), as in every path tracer, but for that of suns straight through panes ([`World::through_panes`]). The caustics room brings it, where [`super::Products::caustics`] holds that
 //! alone; the picture is then consistent, no more unbiased.
 
 #[cfg(test)]
@@ -43,8 +43,8 @@ pub use gpu::{
 pub use view::{Lookout, View};
 
 use super::{
-    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Guidance, Guide, Progress,
-    ScatteredLight, ScreenLight, SecondaryLight, Step, Technique,
+    ArrivingLight, Bias, Card, Counts, Edit, FirstSight, FocusedLight, Guidance, Guide, LeftToSampling,
+    Progress, ScatteredLight, ScreenLight, SecondaryLight, Step, Technique,
 };
 use crate::{
     accel::{Hit, Ray},
@@ -68,9 +68,8 @@ pub struct PathSettings {
     pub bounces_max: Option<u32>,
     /// Names the random numbers.
     pub seed: u64,
-    /// A sky is drawn from where it shows ([`World::opening_at`]), and light from infinitely far is sampled through panes
-    /// ([`World::through_panes`]) in place of being looked up: less noise in rooms, and no other light. Paths on a card do without, and so
-    /// does who goes on with one.
+    /// A sky is drawn from where it shows ([`World::opening_at`]), where all paths are traced by way of panes as well
+    /// ([`World::through_panes`]): less noise in rooms, and no other light. Paths on a card do without, and so does who goes on with one.
     pub knows_openings: bool,
 }
 
@@ -84,6 +83,16 @@ impl PathSettings {
             bounces_max,
             seed,
             knows_openings: false,
+        }
+    }
+
+    /// Light through panes that is for light sampling alone to find: what is known of focused light leaves it. Where nothing is known, no path
+    /// meets a sun; where all is asked for at the first diffuse surface, that is known there.
+    fn left_to_sampling(&self, known: Option<&dyn FocusedLight>) -> LeftToSampling {
+        match known {
+            Some(known) => known.leaves(),
+            None if self.asks => LeftToSampling::Nothing,
+            None => LeftToSampling::Suns,
         }
     }
 

@@ -3,6 +3,7 @@
 mod guided;
 mod known;
 mod noted;
+mod panes;
 
 use std::sync::{Arc, atomic::AtomicBool};
 

@@ -235,16 +235,9 @@ pub trait FocusedLight: fmt::Debug + Send + Sync {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter;
 
     /// What light sampling is to find.
-    fn leaves(&self) -> LeftToSampling {
-        LeftToSampling::Nothing
-    }
+    fn leaves(&self) -> LeftToSampling;
 
-    /// The same of what it leaves, for who does not sample it.
-    fn left(&self, _surface: &Surface, _wo: Vec3, _scatterings_max: u32) -> FocusedScatter {
-        FocusedScatter::default()
-    }
-
-    /// All of it, nothing left, for look-ups on a graphics card; `None` where it cannot be looked up there.
+    /// The same as [`FocusedLight::scattered`] for look-ups on a graphics card; `None` where it cannot be looked up there.
     fn packed(&self) -> Option<PackedFocused> {
         None
     }

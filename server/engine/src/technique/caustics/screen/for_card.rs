@@ -15,7 +15,8 @@ use super::{
 };
 use crate::{
     technique::{
-        FocusedLight, FocusedScatter, PackedFocused, PackedSketch, SKETCH_WIDTHS, SketchWindows, View,
+        FocusedLight, FocusedScatter, LeftToSampling, PackedFocused, PackedSketch, SKETCH_WIDTHS,
+        SketchWindows, View,
     },
     transport::Surface,
 };
@@ -56,13 +57,17 @@ impl CausticSketch {
     fn seen_from(&self, places: &[Option<[i32; 2]>], view: &View) -> ScreenCaustics {
         let chosen = Chosen::of(&self.photons, places, view);
         let levels = (0..SKETCH_WIDTHS).map(|width| chosen.level(width, view)).collect();
-        ScreenCaustics::of(&self.photons, &chosen, levels, view)
+        ScreenCaustics::of(self, &chosen, levels, view)
     }
 }
 
 impl FocusedLight for ForCard {
     fn scattered(&self, surface: &Surface, wo: Vec3, scatterings_max: u32) -> FocusedScatter {
         self.on_cpu().scattered(surface, wo, scatterings_max)
+    }
+
+    fn leaves(&self) -> LeftToSampling {
+        self.sketch.light.left()
     }
 
     fn packed(&self) -> Option<PackedFocused> {

@@ -25,11 +25,11 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::{
-    CausticPhoton, CausticReport, CausticSettings,
+    CausticLight, CausticPhoton, CausticReport, CausticSettings,
     map::{FLATNESS, Lit},
 };
 use crate::{
-    technique::{FocusedLight, FocusedScatter, GpuPhoton, SKETCH_WIDTHS, View},
+    technique::{FocusedLight, FocusedScatter, GpuPhoton, LeftToSampling, SKETCH_WIDTHS, View},
     transport::{Surface, World},
 };
 
@@ -65,6 +65,8 @@ const ACROSS_MIN_M: f32 = 1e-18;
 #[derive(Debug)]
 pub struct CausticSketch {
     photons: Arc<[CausticPhoton]>,
+    /// Of what photons there may be.
+    light: CausticLight,
     report: CausticReport,
     rays: u64,
 }
@@ -83,7 +85,7 @@ impl CausticSketch {
             photons_stored: photons.len() as u64,
             bytes: photons.len() * size_of::<CausticPhoton>(),
         };
-        CausticSketch { photons: photons.into(), report, rays: traced.rays }
+        CausticSketch { photons: photons.into(), light: settings.light, report, rays: traced.rays }
     }
 
     /// Rays that it took.
@@ -106,7 +108,7 @@ impl CausticSketch {
         let chosen = Chosen::of(&self.photons, &places_of(&self.photons, view), view);
         chosen.is_fit.then(|| {
             let levels = (0..SKETCH_WIDTHS).into_par_iter().map(|width| chosen.level(width, view)).collect();
-            Arc::new(ScreenCaustics::of(&self.photons, &chosen, levels, view)) as _
+            Arc::new(ScreenCaustics::of(self, &chosen, levels, view)) as _
         })
     }
 }
@@ -122,6 +124,7 @@ fn near(mut photons: Vec<CausticPhoton>) -> Vec<CausticPhoton> {
 struct ScreenCaustics {
     view: View,
     photons: Arc<[CausticPhoton]>,
+    light: CausticLight,
     /// By the widths of windows.
     levels: Vec<Level>,
     /// Tiles in a row, and of each whether any photon's window reaches into it.
@@ -214,12 +217,7 @@ impl Chosen {
 
 impl ScreenCaustics {
     /// - `levels`: of all widths
-    fn of(
-        photons: &Arc<[CausticPhoton]>,
-        chosen: &Chosen,
-        levels: Vec<Level>,
-        view: &View,
-    ) -> ScreenCaustics {
+    fn of(sketch: &CausticSketch, chosen: &Chosen, levels: Vec<Level>, view: &View) -> ScreenCaustics {
         let (extent, halves_px) = (extent_of(view), halves_px(view));
         let [tile_columns, tile_rows] = extent.map(|count| ((count - 1) >> TILE_LOG2) as usize + 1);
         let mut tiles = vec![false; tile_columns * tile_rows];
@@ -233,7 +231,8 @@ impl ScreenCaustics {
                 });
             }
         }
-        ScreenCaustics { view: *view, photons: Arc::clone(photons), levels, tile_columns, tiles }
+        let (photons, light) = (Arc::clone(&sketch.photons), sketch.light);
+        ScreenCaustics { view: *view, photons, light, levels, tile_columns, tiles }
     }
 }
 
@@ -391,6 +390,10 @@ impl FocusedLight for ScreenCaustics {
             }
         }
         lit.scatter()
+    }
+
+    fn leaves(&self) -> LeftToSampling {
+        self.light.left()
     }
 
     fn is_sketch(&self) -> bool {

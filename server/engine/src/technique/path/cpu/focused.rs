@@ -11,6 +11,15 @@ use crate::{
     },
 };
 
+/// Glosses that show such light.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Glosses {
+    /// [Broad](crate::transport::Bsdf::has_broad_gloss) ones.
+    Broad,
+    /// All that have a width.
+    Any,
+}
+
 /// By which of its lobes a surface shows light that only mirrors and glass sent on before.
 #[derive(Clone, Copy)]
 pub(super) struct ShownFocused {
@@ -30,14 +39,8 @@ impl Tracer<'_> {
         sample: &mut PixelSample,
     ) -> bool {
         let Some(caustics) = self.caustics else { return false };
-        let Some(shown) = self.shows_focused(path, surface) else { return false };
-        let wo = -path.ray.direction;
-        let mut focused = caustics.scattered(surface, wo, shown.scatterings_max);
-        if !self.settings.knows_openings {
-            let left = caustics.left(surface, wo, shown.scatterings_max);
-            focused.diffuse += left.diffuse;
-            focused.glossy += left.glossy;
-        }
+        let Some(shown) = self.shows_focused(path, surface, Glosses::Broad) else { return false };
+        let focused = caustics.scattered(surface, -path.ray.direction, shown.scatterings_max);
         let mut add = |scatter, radiance| {
             let class = path.class.after(scatter).after(Scatter::Specular);
             sample.radiance[class as usize] += path.throughput * radiance;
@@ -51,18 +54,19 @@ impl Tracer<'_> {
         shown.is_glossy
     }
 
-    /// By which lobes a surface shows the path light that only mirrors and glass sent on before, where that is known: the diffuse one, and
-    /// a broad gloss. `None`: by none.
-    fn shows_focused(&self, path: &Path<'_>, surface: &Surface) -> Option<ShownFocused> {
+    /// By which lobes a surface shows the path light that only mirrors and glass sent on before, where paths do not find that: the diffuse
+    /// one, and `glosses`. `None`: by none.
+    fn shows_focused(&self, path: &Path<'_>, surface: &Surface, glosses: Glosses) -> Option<ShownFocused> {
         // A gloss shows the light of lamps in mirrors, which goes with the caustics.
         let is_shown = self.settings.shown.contains(PathClass::Caustic);
-        let is_broad = is_shown
-            && surface.bsdf.has_broad_gloss()
+        let is_glossy = is_shown
+            && (glosses == Glosses::Any || surface.bsdf.has_broad_gloss())
             && path.since_gathered == 0
             // What it sends to a near surface before is known there.
             && !path.is_beyond_near();
-        let is_diffuse = surface.bsdf.has_diffuse();
-        if !(is_broad || is_diffuse) || !self.asks_for_more(path) {
+        // From surfaces that are seen, nothing else.
+        let is_diffuse = surface.bsdf.has_diffuse() && (is_shown || path.class != PathClass::Emitted);
+        if !(is_glossy || is_diffuse) || !self.asks_for_more(path) {
             return None;
         }
         // What is looked up is bounded by itself, whatever lies between the surface and the eye.
@@ -70,7 +74,7 @@ impl Tracer<'_> {
             Some(bounces) => bounces - path.bounce - 1,
             None => u32::MAX,
         };
-        Some(ShownFocused { is_diffuse, is_glossy: is_broad, scatterings_max })
+        Some(ShownFocused { is_diffuse, is_glossy, scatterings_max })
     }
 
     /// So many scatterings ago or more, by mirrors alone since, a gloss gathered all the light that lights send by mirrors.
@@ -89,17 +93,13 @@ impl Tracer<'_> {
         self.competes_through_panes() || self.left_to_sampling() == LeftToSampling::SunsAndSky
     }
 
-    /// What the caustics that are known lack.
+    /// Light through panes that is for light sampling alone to find.
     fn left_to_sampling(&self) -> LeftToSampling {
-        match self.caustics {
-            Some(caustics) if self.settings.knows_openings => caustics.leaves(),
-            _ => LeftToSampling::Nothing,
-        }
+        self.settings.left_to_sampling(self.caustics)
     }
 
-    /// By which lobes a surface shows a light from infinitely far that panes let through: what is known of caustics may leave it to light
-    /// sampling, and else that competes with paths that find the sky. `None`: by none. Suns that nothing is known of nobody finds, on a card or
-    /// here.
+    /// By which lobes a surface shows a light from infinitely far that panes let through: it may be left to light sampling, and else that
+    /// competes with paths that find the sky. `None`: by none.
     pub(super) fn shown_through_panes(
         &self,
         path: &Path<'_>,
@@ -110,7 +110,9 @@ impl Tracer<'_> {
             return None;
         }
         if self.left_to_sampling().holds(light) {
-            let shown = self.shows_focused(path, surface)?;
+            // A narrow gloss finds the sky by where it sends paths, and no sun.
+            let glosses = if light.is_delta { Glosses::Any } else { Glosses::Broad };
+            let shown = self.shows_focused(path, surface, glosses)?;
             // As photons are, that are bounded by themselves.
             let of_photons = self.settings.bounces_max.map_or(u32::MAX, |bounces| bounces.saturating_sub(1));
             return Some(ShownFocused { scatterings_max: shown.scatterings_max.min(of_photons), ..shown });

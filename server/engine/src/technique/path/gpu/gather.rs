@@ -13,7 +13,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::{
-    BOUNCES_END, GpuPassHeader, GpuScene, PathSettings, PathTracer, View, handed,
+    BOUNCES_END, GpuPassHeader, GpuScene, PathSettings, PathTracer, View, focus_of, handed,
     known::{LightBeside, undimmed},
     primary_ray,
     slices::Slices,
@@ -165,6 +165,7 @@ impl GpuGatherer {
             brought: brought.bits(),
             bounces_end: settings.bounces_max.unwrap_or(BOUNCES_END),
             dimmed: dimmed.to_array(),
+            focus: focus_of(settings, None),
             ..GpuPassHeader::zeroed()
         };
         // In powers of two, so that a few more rays than before do not need other places.

@@ -103,7 +103,7 @@ impl Ready {
             Some(paths) => paths,
             nothing => nothing.insert(Paths::new(session, world, from, capacity)?),
         };
-        paths.make_room(session, capacity)?;
+        paths.make_room(session, world, capacity)?;
         self.shader_seconds += session.shader_seconds() - compiled;
         Ok(())
     }

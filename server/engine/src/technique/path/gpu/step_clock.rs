@@ -58,7 +58,7 @@ impl GpuPathTracer {
         size: PictureSize,
         shadows: Shadows,
     ) -> Result<Option<StepSeconds>, GpuError> {
-        let header = self.header_of(view, &Film::new(size), 0);
+        let header = self.header_of(view, &Film::new(size), 0, None);
         let pixel_count = size.pixel_count() as u32;
         let (known, _) = undimmed(self.secondary.as_ref());
         let light = LightBeside { known, focused: None, shadows };

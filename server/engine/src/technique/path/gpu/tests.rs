@@ -140,7 +140,7 @@ impl Shot {
 
     fn begin(&self, tracer: &mut GpuPathTracer, pass: u32) -> Running {
         let view = View::new(&self.world, &self.camera, self.size);
-        let header = tracer.header_of(&view, &Film::new(self.size), pass);
+        let header = tracer.header_of(&view, &Film::new(self.size), pass, self.focused.as_deref());
         tracer.make_room(self.size.pixel_count()).unwrap();
         let begun = Begun {
             header,

@@ -121,6 +121,14 @@ impl PathStart {
         }
     }
 
+    /// Places for these, and where there is glass for what the light samples bring by panes.
+    fn shadows_max(self, world: &GpuWorld) -> u64 {
+        match self {
+            PathStart::Photons => 0,
+            _ => self.shadow_rays_max() + u64::from(world.has_glass()),
+        }
+    }
+
     /// Queues of them: where maps are asked, another of those that these leave.
     fn shadow_queues(self) -> u64 {
         match self {
@@ -163,13 +171,13 @@ struct Places {
 }
 
 impl Places {
-    fn new(session: &Session, from: PathStart, capacity: u32) -> Result<Places, GpuError> {
+    fn new(session: &Session, world: &GpuWorld, from: PathStart, capacity: u32) -> Result<Places, GpuError> {
         let count = u64::from(capacity);
         let header = session.buffer_zeroed("pass", size_of::<GpuPassHeader>() as u64)?;
         let paths = session.buffer_zeroed("paths", count * PATH_BYTES)?;
         let hits = session.buffer_zeroed("hits", count * HIT_BYTES)?;
         // Steps see one at least.
-        let shadow_count = (count * from.shadow_rays_max()).max(1);
+        let shadow_count = (count * from.shadows_max(world)).max(1);
         let shadows = session.buffer_zeroed("shadow rays", shadow_count * SHADOW_BYTES)?;
         let samples = session.buffer_zeroed("samples", count * from.sample_bytes())?;
         let queues_of_paths = 2 + from.shadow_queues() * from.shadow_rays_max();
@@ -229,7 +237,7 @@ impl Paths {
         from: PathStart,
         capacity: u32,
     ) -> Result<Paths, GpuError> {
-        let places = Places::new(session, from, capacity)?;
+        let places = Places::new(session, world, from, capacity)?;
         let sizes = session.buffer_zeroed("sizes", DISPATCH_BYTES)?;
         let sizes_layout = session.layout(&[Binding::Write])?;
         let sizes_group = session.bind(&sizes_layout, &[&sizes])?;
@@ -264,9 +272,14 @@ impl Paths {
     }
 
     /// Room for slices of so many paths, if there is less.
-    pub(super) fn make_room(&mut self, session: &Session, capacity: u32) -> Result<(), GpuError> {
+    pub(super) fn make_room(
+        &mut self,
+        session: &Session,
+        world: &GpuWorld,
+        capacity: u32,
+    ) -> Result<(), GpuError> {
         if self.places.capacity < capacity {
-            self.places = Places::new(session, self.from, capacity)?;
+            self.places = Places::new(session, world, self.from, capacity)?;
         }
         Ok(())
     }
@@ -476,7 +489,7 @@ impl<'a> Tracing<'a> {
         }
         let Left { counters, handed } = left;
         let counts = Counts {
-            rays: u64::from(counters.rays),
+            rays: u64::from(counters.rays) + u64::from(counters.pane_rays),
             shadow_rays: u64::from(counters.shadow_rays),
             paths: u64::from(header.path_count),
         };

@@ -182,6 +182,11 @@ impl GpuWorld {
         self.does_for(&constants_of_features(packed.features)) && self.does_for(&masks)
     }
 
+    /// Steps are compiled for glass.
+    pub(super) fn has_glass(&self) -> bool {
+        self.constants.contains(&("HAS_GLASS", Constant::Bool(true)))
+    }
+
     /// Takes on another appearance; see [`World::appearance_after`].
     pub(super) fn take_on(&mut self, session: &Session, packed: &AppearanceBuffers) -> Result<(), GpuError> {
         let made = appearance_of(session, packed)?;

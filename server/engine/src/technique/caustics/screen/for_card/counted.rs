@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{super::near, *};
 use crate::technique::{
     SHOWN_NOWHERE,
-    caustics::{CausticPhoton, CausticReport, screen},
+    caustics::{CausticLight, CausticPhoton, CausticReport, screen},
 };
 
 /// A sketch in the pixels of a picture.
@@ -21,7 +21,8 @@ pub(crate) struct Counted {
 impl CausticSketch {
     /// Of photons that were followed by nobody.
     pub(crate) fn of_photons(photons: Vec<CausticPhoton>) -> CausticSketch {
-        CausticSketch { photons: near(photons).into(), report: CausticReport::default(), rays: 0 }
+        let (light, report) = (CausticLight::All, CausticReport::default());
+        CausticSketch { photons: near(photons).into(), light, report, rays: 0 }
     }
 
     pub(crate) fn photons(&self) -> &[CausticPhoton] {

@@ -6,11 +6,11 @@ use super::{
     *,
 };
 use crate::{
-    scene::samples,
+    scene::{SceneBuilder, SceneLimits, samples},
     technique::{
         PackedFocused,
         caustics::{CausticLight, CausticSettings, CausticSketch, Caustics},
-        path::gpu::tests::known_light::ALL_STEPS,
+        path::{closed_forms::id, gpu::tests::known_light::ALL_STEPS},
     },
 };
 
@@ -44,6 +44,45 @@ pub(super) fn brushed() -> Stage {
     let varnish = stage.material("varnish", varnish).unwrap();
     placed(&mut stage, "small ball", samples::sphere(DVec3::new(-0.6, -0.6, 0.9), 0.4, 16, &varnish));
     stage
+}
+
+/// A room with a pane, its floor of a narrow gloss, its walls of a broad one, the sun at their mirror image.
+pub(super) fn lacquered() -> Scene {
+    let mut room = SceneBuilder::from_scene(&samples::glazed_room().unwrap(), SceneLimits::default());
+    for (name, roughness) in [("floor", 0.25), ("wall", 0.5)] {
+        let material = Material { metallic: 0.5, roughness, ..Material::lambert(Rgb::splat(0.7)) };
+        room.set_material(id(name), material).unwrap();
+    }
+    room.finish().0
+}
+
+/// Suns straight through panes are found the same where all paths are traced, bounded or not, and where light is looked up.
+#[test]
+fn suns_shine_through_panes_the_same_on_a_card() {
+    let Some(gpu) = shared() else { return };
+    for (name, bounces_max) in [("unbounded", None), ("three bounces", Some(3)), ("two bounces", Some(2))] {
+        let of = PathSettings::all(bounces_max, 4);
+        let shot = Shot { settings: of, size: size(64, 48), ..shot(lacquered()) };
+        shot.is_alike(&gpu, &format!("panes, {name}"));
+        // And there are any.
+        let caustic = |pass: Pass| -> f32 {
+            pass.samples.iter().map(|sample| sample.radiance[PathClass::Caustic as usize].mean()).sum()
+        };
+        let world = |scene| Arc::new(World::prepare(Arc::new(scene)));
+        let dark = {
+            let mut room = SceneBuilder::from_scene(&lacquered(), SceneLimits::default());
+            room.remove_light("sun").unwrap();
+            Shot { world: world(room.finish().0), ..shot.clone() }
+        };
+        let [lit, dark] = [shot, dark].map(|shot| caustic(shot.on_cpu(0)));
+        assert_eq!(lit > 1.5 * dark, bounces_max != Some(2), "{name}: {lit} beside {dark}");
+    }
+    let shot = with_known(lacquered(), None).focused(CausticLight::All);
+    let scene = Arc::new(GpuScene::new(gpu, Arc::clone(&shot.world)));
+    let (cpu, card) = (shot.on_cpu(SHADOWED_PASS), shot.on_card(&scene, SHADOWED_PASS));
+    let without = Shot { focused: None, ..shot }.on_cpu(SHADOWED_PASS);
+    let Looked { hidden: focused, .. } = looked_up_alike("panes, looked up", &cpu, &card, &without);
+    assert!(focused > 300, "{focused}");
 }
 
 /// Photons bring the same, pixel by pixel, where light is looked up besides and where all else is traced: caustics on what is matt,

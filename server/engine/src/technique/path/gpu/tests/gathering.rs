@@ -97,12 +97,16 @@ fn rays_bring_the_same_on_a_card() {
         let settings = PathSettings::all(Some(3), 4);
         Shot { settings, size: size(28, 21), ..shot(scene) }
     };
+    // One scattering, a pane, and one more.
+    let of_panes = PathSettings::all(Some(4), 4);
+    let panes = Shot { settings: of_panes, ..alone(focused::lacquered()) };
     for (name, shot, looks_past) in [
         ("boxes", known(samples::boxes().unwrap()), true),
         ("cornell box", known(samples::cornell_box().unwrap()), true),
         ("cabinet", known(cabinet()), true),
         ("cornell box, three bounces", alone(samples::cornell_box().unwrap()), false),
         ("cabinet, three bounces", alone(cabinet()), false),
+        ("room with a pane, four bounces", panes, false),
     ] {
         let rays = rays_of(&shot);
         let near = if looks_past { Near::LookedPast } else { Near::Blurred };

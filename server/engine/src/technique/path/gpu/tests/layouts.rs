@@ -352,6 +352,7 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             kept,
             shadows_at,
             next_left_count,
+            pane_rays,
         }
     );
     let begin_ray = GATHER_BEGIN.source(PROOF_CONSTANTS);

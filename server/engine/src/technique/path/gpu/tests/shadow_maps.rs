@@ -24,7 +24,7 @@ use crate::{
     },
     scene::{Projection, SceneBuilder, SceneLimits, samples},
     technique::path::{closed_forms::id, tests::transformed},
-    transport::{GpuLight, ShadowRay},
+    transport::{GpuLight, PathClasses, ShadowRay},
 };
 
 /// Small ones: what is tested is how, not how finely.
@@ -83,6 +83,17 @@ fn lit_by_many() -> Scene {
     ] {
         lit_by(&mut stage, name, DVec3::new(x, 2.2, 1.3), DVec3::new(-0.4 * x, -1.0, -0.6), kind);
     }
+    stage.finish()
+}
+
+/// The same in the sun behind a pane, of which it sees all but the floor's edges by way of that.
+fn behind_a_pane() -> Scene {
+    let mut stage = things();
+    let clear = Material { transmission: 1.0, roughness: 0.0, base_color: Rgb::WHITE, ..Material::default() };
+    let clear = stage.material("clear", clear).unwrap();
+    let pane = samples::cuboid(DVec3::new(-1.0, 1.8, -1.0), DVec3::new(2.0, 1.82, 1.5), &clear);
+    placed(&mut stage, "pane", pane);
+    lit_by(&mut stage, "light", DVec3::ZERO, DVec3::new(-0.45, -1.0, -0.6), SUN);
     stage.finish()
 }
 
@@ -229,11 +240,15 @@ fn maps_tell_what_their_twin_tells() {
 #[test]
 fn shadows_by_maps_are_those_by_rays_but_for_edges() {
     let Some(gpu) = shared() else { return };
-    for (name, scene) in each_kind().into_iter().chain([("many", lit_by_many())]) {
+    for (name, scene) in each_kind().into_iter().chain([("many", lit_by_many()), ("pane", behind_a_pane())]) {
         for (scale, offset) in [(1.0, 0.0), (1e-4, 0.0), (1e4, 0.0), (1.0, 1e5)] {
             let place =
                 DAffine3::from_scale(DVec3::splat(scale)) * DAffine3::from_translation(DVec3::splat(offset));
-            let shot = of_direct(transformed(&scene, place, scale), size(120, 90));
+            let mut shot = of_direct(transformed(&scene, place, scale), size(120, 90));
+            if name == "pane" {
+                let traced = PathClasses::EMITTED_AND_DIRECT;
+                shot.settings = PathSettings { traced, ..PathSettings::all(Some(3), 1) };
+            }
             let scene = on_card(&gpu, &shot);
             let [maps, rays] = [by_maps(&shot, &scene), shot.on_card(&scene, 0)]
                 .map(|pass| pass.samples.iter().map(|sample| sample.total().mean()).collect::<Vec<f32>>());
