@@ -92,7 +92,11 @@ impl World {
         let emission_of = |instance: usize, primitive: usize| {
             let material = &materials[primitive_materials[instance][primitive] as usize];
             let luminance = material.emission_luminance();
-            (luminance > 0.0).then_some(Emission { luminance, two_sided: material.material().double_sided })
+            (luminance > 0.0).then(|| {
+                let instance = &accel.instances()[instance];
+                let shares = material.emission_shares(instance, &instance.mesh().primitives()[primitive]);
+                Emission { luminance, shares, two_sided: material.material().double_sided }
+            })
         };
         let lights = Lights::collect(&scene, &accel, emission_of);
         let nested_bounds = scene.nested_bounds();

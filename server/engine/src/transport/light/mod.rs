@@ -35,9 +35,25 @@ use crate::{
 /// A light that stands somewhere.
 #[derive(Clone, Copy, Debug)]
 enum LocalLight {
-    Triangle { instance: u32, triangle: u32, area_m2: f32, two_sided: bool },
-    Point { position: Vec3, intensity: Rgb },
-    Spot { position: Vec3, axis: Vec3, intensity: Rgb, cos_inner: f32, cos_outer: f32 },
+    Triangle {
+        instance: u32,
+        triangle: u32,
+        area_m2: f32,
+        /// See [`Emission::shares`].
+        share: f32,
+        two_sided: bool,
+    },
+    Point {
+        position: Vec3,
+        intensity: Rgb,
+    },
+    Spot {
+        position: Vec3,
+        axis: Vec3,
+        intensity: Rgb,
+        cos_inner: f32,
+        cos_outer: f32,
+    },
 }
 
 /// A directional light: travels along `direction`.
@@ -105,12 +121,21 @@ pub struct Lights {
     slack_m: f32,
 }
 
-/// What the lights need to know of a material.
-#[derive(Clone, Copy, Debug)]
+/// What the lights need to know of a primitive that emits.
+#[derive(Clone, Debug)]
 pub(in crate::transport) struct Emission {
     /// Mean luminance of the emitted radiance over the material's texture.
     pub(in crate::transport) luminance: f32,
+    /// By triangle: about how much more of it that emits than the mean, above 0. `None`: as much everywhere.
+    pub(in crate::transport) shares: Option<Vec<f32>>,
     pub(in crate::transport) two_sided: bool,
+}
+
+impl Emission {
+    /// - `number`: of a triangle among the primitive's
+    fn share(&self, number: u32) -> f32 {
+        self.shares.as_ref().map_or(1.0, |shares| shares[number as usize])
+    }
 }
 
 impl Lights {
@@ -140,9 +165,9 @@ impl Lights {
                     triangle_count: primitive.triangle_count,
                     first_light: lights.local.len() as u32,
                 });
-                for triangle in primitive.first_triangle..primitive.first_triangle + primitive.triangle_count
-                {
-                    lights.add_triangle(accel, instance_index as u32, triangle, emission, &mut bounds);
+                for number in 0..primitive.triangle_count {
+                    let triangle = (primitive.first_triangle + number, emission.share(number));
+                    lights.add_triangle(accel, instance_index as u32, triangle, &emission, &mut bounds);
                 }
             }
             lights.runs.push(runs);
@@ -157,8 +182,8 @@ impl Lights {
         &mut self,
         accel: &Accel,
         instance: u32,
-        triangle: u32,
-        emission: Emission,
+        (triangle, share): (u32, f32),
+        emission: &Emission,
         bounds: &mut Vec<(u32, LightBounds)>,
     ) {
         let placed = &accel.instances()[instance as usize];
@@ -176,11 +201,12 @@ impl Lights {
             axis,
             cos_normals: 1.0,
             cos_emission: 0.0,
-            intensity: (emission.luminance * area_m2).min(f32::MAX),
+            intensity: (emission.luminance * share * area_m2).min(f32::MAX),
             two_sided: emission.two_sided,
         };
         bounds.push((self.local.len() as u32, light));
-        self.local.push(LocalLight::Triangle { instance, triangle, area_m2, two_sided: emission.two_sided });
+        let two_sided = emission.two_sided;
+        self.local.push(LocalLight::Triangle { instance, triangle, area_m2, share, two_sided });
     }
 
     fn add_punctual(&mut self, scene: &Scene, accel: &Accel, bounds: &mut Vec<(u32, LightBounds)>) {
@@ -326,7 +352,7 @@ impl Lights {
                 sample.radiance *= spot_falloff(-sample.wi.dot(axis), cos_inner, cos_outer);
                 (!sample.radiance.is_black()).then_some(sample)
             }
-            LocalLight::Triangle { instance, triangle, area_m2, two_sided } => {
+            LocalLight::Triangle { instance, triangle, area_m2, two_sided, .. } => {
                 let barycentric = warp::triangle(u);
                 let point = accel.instances()[instance as usize].surface_point(
                     triangle,
@@ -342,6 +368,13 @@ impl Lights {
         }
     }
 
+    /// Which light a triangle is, if it is one.
+    fn number_of(&self, instance: u32, triangle: u32) -> Option<u32> {
+        let runs = &self.runs[instance as usize];
+        let run = runs.iter().find(|run| triangle.wrapping_sub(run.first_triangle) < run.triangle_count)?;
+        Some(run.first_light + (triangle - run.first_triangle))
+    }
+
     /// Density with which [`Lights::sample`] at (`p`, `n`) draws direction `wi` to this point of a triangle; zero when
     /// the triangle is no light.
     pub fn pdf_of_triangle(
@@ -353,10 +386,7 @@ impl Lights {
         triangle: u32,
         on_light: &SurfacePoint,
     ) -> f32 {
-        let runs = &self.runs[instance as usize];
-        let run = runs.iter().find(|run| triangle.wrapping_sub(run.first_triangle) < run.triangle_count);
-        let Some(run) = run else { return 0.0 };
-        let light = run.first_light + (triangle - run.first_triangle);
+        let Some(light) = self.number_of(instance, triangle) else { return 0.0 };
         let LocalLight::Triangle { area_m2, two_sided, .. } = self.local[light as usize] else { return 0.0 };
         let distance2 = (on_light.position - p).length_squared();
         match area_pdf(on_light.n_geo, area_m2, two_sided, wi, distance2) {

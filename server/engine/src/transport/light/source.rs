@@ -58,12 +58,23 @@ struct EmissiveSurface {
     instance: Arc<Instance>,
     instance_index: u32,
     first_triangle: u32,
-    /// Running sums of the triangles' areas, m².
+    /// Running sums of the triangles' areas, m², times how much more of the light each emits than the mean.
     areas: Vec<f64>,
     material: Arc<Material>,
     /// Those that decide where and how much it emits: base colour (for its mask) and emission.
     textures: [Option<Arc<Texture>>; 2],
     two_sided: bool,
+}
+
+/// A point of an emissive surface that a photon leaves.
+struct Left {
+    point: SurfacePoint,
+    /// Normal of a side that emits there.
+    n: Vec3,
+    /// What it sends out.
+    radiance: Rgb,
+    /// One over the density of the point over the surface.
+    area_m2: f32,
 }
 
 /// The numbers in [0, 1) that a photon starts from.
@@ -239,8 +250,8 @@ impl World {
                 let areas: Vec<f64> = lights.local[first..first + run.triangle_count as usize]
                     .iter()
                     .map(|light| {
-                        if let LocalLight::Triangle { area_m2, .. } = light {
-                            sum += f64::from(*area_m2);
+                        if let LocalLight::Triangle { area_m2, share, .. } = light {
+                            sum += f64::from(*area_m2) * f64::from(*share);
                         }
                         sum
                     })
@@ -331,9 +342,8 @@ impl World {
                 Some(EmittedPhoton { ray, weight })
             }
             SourceKind::Surface(surface) => {
-                let (point, n, radiance) = self.leave(surface, numbers)?;
+                let Left { point, n, radiance, area_m2 } = self.leave(surface, numbers)?;
                 let direction = Frame::around(n).to_world(warp::cosine_hemisphere(numbers.direction));
-                let area_m2 = surface.areas.last().copied().unwrap_or(0.0) as f32;
                 let sides = if surface.two_sided { 2.0 } else { 1.0 };
                 // Radiance · cos / (1/area · cos/π · 1/sides): the cosine cancels.
                 let weight = weighed(radiance, PI * area_m2 * sides)?;
@@ -342,12 +352,8 @@ impl World {
         }
     }
 
-    /// A point of an emissive surface, the normal of a side that emits there and the radiance it sends out.
-    fn leave(
-        &self,
-        surface: &EmissiveSurface,
-        numbers: &EmissionNumbers,
-    ) -> Option<(SurfacePoint, Vec3, Rgb)> {
+    /// Where on an emissive surface a photon starts.
+    fn leave(&self, surface: &EmissiveSurface, numbers: &EmissionNumbers) -> Option<Left> {
         let total = *surface.areas.last()?;
         let target = f64::from(numbers.position[0]) * total;
         let index = surface.areas.partition_point(|sum| *sum <= target).min(surface.areas.len() - 1);
@@ -367,7 +373,12 @@ impl World {
             SurfacePoint { on: TriangleId { instance, triangle }, ..placed.surface_point(triangle, b1, b2) };
         let from_front = !surface.two_sided || numbers.side < 0.5;
         let n = if from_front { point.n_geo } else { -point.n_geo };
-        Some((point, n, material.emitted(placed, &hit, from_front)))
+        let light = self.lights().number_of(instance, triangle)?;
+        let LocalLight::Triangle { share: of_mean, .. } = self.lights().local[light as usize] else {
+            return None;
+        };
+        let radiance = material.emitted(placed, &hit, from_front);
+        Some(Left { point, n, radiance, area_m2: total as f32 / of_mean })
     }
 }
 

@@ -108,7 +108,7 @@ fn packed(light: &LocalLight) -> GpuLight {
         ..GpuLight::zeroed()
     };
     match light {
-        LocalLight::Triangle { instance, triangle, area_m2, two_sided } => GpuLight {
+        LocalLight::Triangle { instance, triangle, area_m2, two_sided, .. } => GpuLight {
             instance: *instance,
             triangle: *triangle,
             area_m2: *area_m2,

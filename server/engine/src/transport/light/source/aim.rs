@@ -9,7 +9,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
-use super::{EmissionNumbers, Source, SourceKind, luminance, target::Across};
+use super::{EmissionNumbers, Left, Source, SourceKind, luminance, target::Across};
 use crate::{
     accel::Ray,
     math::{Frame, Rgb, sobol, warp},
@@ -248,14 +248,13 @@ impl World {
                 photon(Ray::new(start, -wi), environment.radiance(wi), area_m2 / pdf)
             }
             SourceKind::Surface(surface) => {
-                let (point, n, radiance) = self.leave(surface, numbers)?;
+                let Left { point, n, radiance, area_m2 } = self.leave(surface, numbers)?;
                 let anywhere = |u| Frame::around(n).to_world(warp::cosine_hemisphere(u));
                 let aimed = aim.direction(point.position, numbers.direction, TAU, anywhere)?;
                 let cos = aimed.direction.dot(n);
                 if cos <= 0.0 {
                     return None;
                 }
-                let area_m2 = surface.areas.last().copied().unwrap_or(0.0) as f32;
                 let sides = if surface.two_sided { 2.0 } else { 1.0 };
                 let density = aimed.density(warp::cosine_hemisphere_pdf(cos));
                 photon(point.ray_towards(aimed.direction), radiance, cos * area_m2 * sides / density)
