@@ -519,7 +519,7 @@ fn report(
     if args.technique() == Indirect::Path && plan.facts.hides_light() {
         eprintln!(
             "warning: path tracing cannot find the light of point, spot and directional lamps by way of mirrors and clear \
-             glass: it is neither in the picture nor in its error; --indirect auto (without --samples), irradiance and octree \
+             glass, but for that of suns straight through panes: it is neither in the picture nor in its error; --indirect auto (without --samples), irradiance and octree \
              show it"
         );
     }

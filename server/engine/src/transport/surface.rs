@@ -16,9 +16,9 @@ use crate::{
 const WIDE_ALPHA: f32 = 0.25;
 
 /// Points of a primitive at which it is asked how much it emits, and of each of its triangles: few milliseconds where lamps are of thousands.
-const SHARE_POINTS: u32 = 1 << 18;
+const SHARE_POINTS: u32 = 1 << 16;
 const SHARE_POINTS_MIN: u32 = 4;
-const SHARE_POINTS_MAX: u32 = 1 << 10;
+const SHARE_POINTS_MAX: u32 = 1 << 9;
 /// A triangle of which no point shines is taken to emit so much of the mean: dark ones then get few samples, however many they are, and what
 /// shines between the points is not left to chance.
 const SHARE_LEAST: f32 = 0.05;

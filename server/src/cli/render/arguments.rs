@@ -39,7 +39,8 @@ pub struct RenderArgs {
     pub size: Option<PictureSize>,
     /// Technique of indirect light: auto (octree, irradiance and path, each as far as it makes the picture better; with
     /// --samples, path), octree, irradiance, path, none; lightmap is planned. path cannot find light of point, spot and
-    /// directional lamps by way of mirrors and clear glass; the others have photons for it
+    /// directional lamps by way of mirrors and clear glass, but for the sun straight through panes; the others have photons
+    /// for it
     #[arg(long, default_value = "auto", value_name = "TECHNIQUE", value_parser = parse_indirect)]
     pub indirect: Indirect,
     /// Stop after this long, such as 10s, 500ms, 2m; counts everything but reading the scene. Every pixel gets

@@ -1,0 +1,82 @@
+//! Lamps with a picture of what they emit.
+
+use glam::Vec2;
+
+use super::*;
+use crate::scene::{Filter, MeshSource, TextureRef, TextureSlot};
+
+/// A strip of squares that look down, one above each of sixteen texels of a picture: the sixth shines, the twelfth a fifth as much, all others
+/// are black. And the corners of each, clockwise seen from below.
+fn strip() -> (World, [[DVec3; 4]; 16]) {
+    let mut stage = Stage::default();
+    let radiance = |texel: usize| match texel {
+        5 => 10.0,
+        11 => 2.0,
+        _ => 0.0,
+    };
+    let texels = (0..16).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
+    let picture = Texture { width: 16, height: 1, texels: Texels::Rgba32F(texels) };
+    let picture_id = Id::new("picture").unwrap();
+    stage.builder().add_texture(picture_id.clone(), picture).unwrap();
+    let mut material = Material::emitter(Rgb::WHITE);
+    let of = TextureRef { filter: Filter::Nearest, ..TextureRef::new(picture_id) };
+    material.textures[TextureSlot::Emission as usize] = Some(of);
+    let material = stage.material("screen", material).unwrap();
+    let squares = std::array::from_fn(|i| {
+        let (x, half) = (0.25 * i as f64 - 2.0, 0.1);
+        [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(a, b)| DVec3::new(x + a, 1.0, b))
+    });
+    let mut strip = MeshSource::default();
+    for (i, square) in squares.iter().enumerate() {
+        let one = quad(*square, &material);
+        let first = strip.positions.len() as u32;
+        strip.positions.extend(one.positions);
+        strip.triangles.extend(one.triangles.iter().map(|corners| corners.map(|corner| corner + first)));
+        strip.texcoords[0].extend([Vec2::new((i as f32 + 0.5) / 16.0, 0.5); 4]);
+        strip.primitives = one.primitives;
+        strip.primitives[0].triangle_count = strip.triangles.len() as u32;
+    }
+    stage.place("strip", strip, DAffine3::IDENTITY).unwrap();
+    (World::prepare(Arc::new(stage.finish())), squares)
+}
+
+/// Of a lamp with a picture those triangles are drawn that shine, and all of them bring what they send out.
+#[test]
+fn pictures_say_which_triangles_shine() {
+    let (world, squares) = strip();
+    let (p, n) = (DVec3::new(-0.3, 0.0, 0.2), DVec3::Y);
+    let at = receiver(&world, p, n);
+    let expected =
+        10.0 * polygon_irradiance(&squares[5], p, n) + 2.0 * polygon_irradiance(&squares[11], p, n);
+    let found = irradiance(&world, &at, 20_000);
+    let off = (found.mean() - expected).abs();
+    assert!(
+        off < 4.0 * found.standard_error(),
+        "{} ± {}, not {expected}",
+        found.mean(),
+        found.standard_error()
+    );
+    // One in sixteen would shine if all were drawn alike, and the mean be four times as uncertain.
+    assert!(found.standard_error() < 0.01 * expected, "{} of {expected}", found.standard_error());
+}
+
+/// And photons leave them by what they send out.
+#[test]
+fn photons_leave_the_triangles_that_shine() {
+    let (world, _) = strip();
+    let sources = world.sources();
+    assert_eq!(sources.len(), 1);
+    let expected_w = std::f64::consts::PI * 0.04 * 12.0;
+    let (mut sent_w, mut lost, count) = (0.0, 0, 10_000);
+    for number in 0..count {
+        let ([a, b, c, d], [side, ..]) = (point(1, number), point(2, number));
+        let numbers = EmissionNumbers { direction: [a, b], position: [c, d], side };
+        match world.emit(&sources[0], &numbers) {
+            Some(photon) => sent_w += f64::from(photon.weight.g) * sources[0].power_w() / f64::from(count),
+            None => lost += 1,
+        }
+    }
+    assert!((sent_w / expected_w - 1.0).abs() < 1e-3, "{sent_w} W for {expected_w}");
+    assert!(5 * lost < 2 * count, "{lost} of {count} start where nothing shines");
+    assert!((sources[0].power_w() / expected_w - 1.0).abs() < 0.6, "{} W", sources[0].power_w());
+}
