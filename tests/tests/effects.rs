@@ -236,7 +236,7 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
     for (name, scene, effects) in [
         ("mirror", hidden_scene(), EffectChoices::default()),
         ("mirror", hidden_scene(), without),
-        ("pane", glazed_room(Outside::Sun), EffectChoices::default()),
+        ("sun behind a pane", glazed_room(Outside::Sun), EffectChoices::default()),
     ] {
         let world = Arc::new(World::prepare(Arc::new(scene)));
         let of = |indirect| RenderSettings { indirect, effects, seed: 7, ..RenderSettings::default() };
@@ -248,9 +248,10 @@ fn light_that_no_path_finds_stays_in_pictures_of_the_chain() {
         // The measure of the error does not take it for one.
         let error = chain.measured_error_of(&of_chain).expect("a measure").error();
         assert!(error < 0.1, "{name}, {effects:?}: {error}");
-        // What paths from the eye find by themselves is less.
+        // What paths from the eye find by themselves is less, of a sun behind a pane by what that reflects alone.
         let path = mean(&picture(&world, SIDE, of(Indirect::Path), 64).picture().radiance());
-        assert!(path < 0.8 * looked_up, "{name}, {effects:?}: {path} of {looked_up}");
+        let expected = if name == "mirror" { 0.0..0.8 } else { 0.95..1.01 };
+        assert!(expected.contains(&(path / looked_up)), "{name}, {effects:?}: {path} of {looked_up}");
         let share = of_chain.traced_share();
         assert!(share > 0.05, "{name}, {effects:?}: {share}: nothing was path-traced");
     }
