@@ -137,7 +137,8 @@ fn has_gathered(path: Path, scatterings: u32) -> bool {
 
 /// `Tracer::gather_focused`.
 fn gather_focused(slot: u32, path: Path, surface: Surface, is_beyond_near: bool) -> bool {
-    let shown = shows_focused(path, surface, has_broad_gloss(surface.bsdf), is_beyond_near);
+    let is_left = path.since_gathered == 0u && !is_beyond_near;
+    let shown = shows_focused(path, surface, has_broad_gloss(surface.bsdf) && is_left);
     if !shown.is_any {
         return false;
     }
@@ -164,13 +165,10 @@ struct ShownFocused {
 
 /// `Tracer::shows_focused`.
 ///
-/// - `is_shown_by_gloss`: its gloss is one of those that do
-fn shows_focused(path: Path, surface: Surface, is_shown_by_gloss: bool, is_beyond_near: bool) -> ShownFocused {
+/// - `is_shown_by_gloss`: its gloss is one of those that do, and none before has gathered that
+fn shows_focused(path: Path, surface: Surface, is_shown_by_gloss: bool) -> ShownFocused {
     let is_shown = (pass_header.focus & SHOWS_CAUSTICS) != 0u;
-    let is_glossy = is_shown
-        && is_shown_by_gloss
-        && path.since_gathered == 0u
-        && !is_beyond_near;
+    let is_glossy = is_shown_by_gloss && (is_shown || path.class_so_far == INDIRECT);
     // From surfaces that are seen, nothing else.
     let is_diffuse = has_diffuse(surface.bsdf) && (is_shown || path.class_so_far != EMITTED);
     let is_any = (is_glossy || is_diffuse) && path.bounce + 1u < pass_header.bounces_end;
@@ -343,8 +341,10 @@ fn note_by_panes(
         return NO_INDEX;
     }
     // A narrow gloss finds the sky by where it sends paths, and no sun.
-    let is_shown_by_gloss = is_sun || has_broad_gloss(surface.bsdf);
-    let shown = shows_focused(path, surface, is_shown_by_gloss, followed != FOLLOWED_WANTED);
+    // What a gloss before has gathered is not sampled again, unless photons stop where light can be sampled.
+    let stops = is_sun && (pass_header.focus & IS_ASKING) == 0u;
+    let is_left = (path.since_gathered == 0u || stops) && followed == FOLLOWED_WANTED;
+    let shown = shows_focused(path, surface, (is_sun || has_broad_gloss(surface.bsdf)) && is_left);
     if !shown.is_any {
         return NO_INDEX;
     }

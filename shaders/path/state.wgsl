@@ -30,7 +30,7 @@ struct PassHeader {
     shadowed_from: u32,
     /// Known light is shown times so much.
     dimmed: vec3f,
-    /// `IS_ASKING`, `SHOWS_CAUSTICS`.
+    /// `IS_ASKING`, `SHOWS_CAUSTICS`, `LEAVES_SUNS`, `LEAVES_SKY`.
     focus: u32,
 }
 

@@ -102,7 +102,7 @@ pub static PATH_HAND_OVER: Step = Step {
     workgroup_size: [64, 1, 1],
 };
 
-/// Adds the light samples that nothing hides.
+/// Adds the light samples that nothing hides, or panes alone.
 pub static PATH_OCCLUDED: Step = Step {
     name: "path/occluded",
     entry_point: "occluded",

@@ -74,7 +74,8 @@ impl SceneFacts {
         self.emissive_triangles > 0 || self.punctual_lights > 0 || self.environment_is_lit
     }
 
-    /// Some light may take ways that a path from the eye cannot find: from a light without size by a mirror or clear glass.
+    /// Some light may take ways that a path from the eye cannot find: from a light without size by a mirror or clear glass. Of a sun behind panes
+    /// it finds what comes straight.
     pub fn hides_light(&self) -> bool {
         self.punctual_lights > 0 && (self.mirror > 0 || self.glass > 0)
     }

@@ -1,4 +1,4 @@
-//! Light that path tracing cannot find: from lights without size by way of mirrors and clear glass. Where a scene has any,
+//! Light that path tracing cannot find: from lights without size by way of mirrors and clear glass, but for suns straight through panes. Where a scene has any,
 //! photons bring it to path-traced pictures as well, so that these are of the same light as those that are looked up.
 //!
 //! **Consistent**, like the caustics that are looked up: what is measured against such path tracing does not show by how much

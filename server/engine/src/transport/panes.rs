@@ -12,11 +12,6 @@ use crate::{
     math::Rgb,
 };
 
-/// Unit vectors that differ by no more go one way: the sun is nine times as wide, and rounding ten thousand times less.
-const STRAIGHT: f32 = 1e-3;
-/// The indices of refraction at both ends of a way differ by no more than rounding makes them.
-const SAME_INDEX: f32 = 1e-3;
-
 /// What light, or a ray that looks for it, has passed since it set out, as long as that is boundaries of glass alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed {
@@ -29,6 +24,10 @@ pub struct Passed {
 }
 
 impl Passed {
+    /// Unit vectors that differ by no more go one way: the sun is nine times as wide, and rounding ten thousand times less.
+    pub(crate) const STRAIGHT: f32 = 1e-3;
+    /// The indices of refraction at both ends of a way differ by no more than rounding makes them.
+    pub(crate) const SAME_INDEX: f32 = 1e-3;
     /// Boundaries on a straight way, at most: those of sixteen panes.
     pub const BOUNDARIES_MAX: u32 = 32;
 
@@ -52,8 +51,8 @@ impl Passed {
     /// is turned by less than one that comes out.
     pub fn is_straight(&self, way: Vec3) -> bool {
         (1..=Self::BOUNDARIES_MAX).contains(&self.boundaries)
-            && (self.eta_squared - 1.0).abs() < SAME_INDEX
-            && (self.way - way).length_squared() < STRAIGHT * STRAIGHT
+            && (self.eta_squared - 1.0).abs() < Self::SAME_INDEX
+            && (self.way - way).length_squared() < Self::STRAIGHT * Self::STRAIGHT
     }
 }
 

@@ -19,7 +19,7 @@ const WIDE_ALPHA: f32 = 0.25;
 const SHARE_POINTS: u32 = 1 << 16;
 const SHARE_POINTS_MIN: u32 = 4;
 const SHARE_POINTS_MAX: u32 = 1 << 9;
-/// A triangle of which no point shines is taken to emit so much of the mean: dark ones then get few samples, however many they are, and what
+/// A triangle of which no point shines is taken to emit so much of the mean of all: dark ones then get few samples, however many they are, and what
 /// shines between the points is not left to chance.
 const SHARE_LEAST: f32 = 0.05;
 
@@ -147,29 +147,36 @@ impl PreparedMaterial {
         (sum / (columns * rows) as f32).max(1e-3)
     }
 
-    /// Luminance of what each triangle of a primitive emits, about, over that of the material; `None` where no picture says how much. It steers
-    /// sampling only: where none of some points shines, another may.
+    /// Mean luminance of the picture of emission over each triangle of a primitive, about, over that of all of it; `None` where there is none.
+    /// It steers sampling only: where none of some points shines, another may.
     pub(in crate::transport) fn emission_shares(
         &self,
         instance: &Instance,
         primitive: &Primitive,
     ) -> Option<Vec<f32>> {
         self.texture(TextureSlot::Emission)?;
-        let all = self.emission_luminance();
         let points =
             (SHARE_POINTS / primitive.triangle_count.max(1)).clamp(SHARE_POINTS_MIN, SHARE_POINTS_MAX);
+        let point = |number: u32| {
+            let [u, v, ..] = sobol::point(0, number);
+            warp::triangle([u, v])
+        };
+        let points: Vec<[f32; 2]> = (0..points).map(point).collect();
         let share = |number: u32| {
             let triangle = primitive.first_triangle + number;
-            let luminance = |point: u32| {
-                let [u, v, ..] = sobol::point(0, point);
-                let [b1, b2] = warp::triangle([u, v]);
-                let hit = Hit { t: 0.0, instance: 0, triangle, b1, b2 };
-                self.emission_at(&interpolated(instance, &hit)).luminance()
+            let luminance = |&[b1, b2]: &[f32; 2]| {
+                let at = interpolated(instance, &Hit { t: 0.0, instance: 0, triangle, b1, b2 });
+                let texel = self.sampled(TextureSlot::Emission, &at).unwrap_or(Vec4::ZERO);
+                Rgb::new(texel.x, texel.y, texel.z).luminance()
             };
-            let mean = (0..points).map(luminance).sum::<f32>() / points as f32;
-            (mean / all).max(SHARE_LEAST)
+            points.iter().map(luminance).sum::<f32>() / (points.len() as f32 * self.mean_emission)
         };
-        Some((0..primitive.triangle_count).into_par_iter().map(share).collect())
+        let mut shares: Vec<f32> = (0..primitive.triangle_count).into_par_iter().map(share).collect();
+        let mean = shares.iter().sum::<f32>() / shares.len() as f32;
+        // Of few large dark ones beside many small bright ones as well.
+        let least = SHARE_LEAST * if mean > 0.0 { mean.min(1.0) } else { 1.0 };
+        shares.iter_mut().for_each(|share| *share = share.max(least));
+        shares.iter().all(|share| share.is_finite()).then_some(shares)
     }
 
     pub(in crate::transport) fn is_masked(&self) -> bool {

@@ -1,6 +1,6 @@
 //! The scene made ready for light paths.
 
-use std::sync::Arc;
+use std::{collections::HashMap, sync::Arc};
 
 use glam::Vec3;
 
@@ -89,12 +89,21 @@ impl World {
             .iter()
             .flatten()
             .any(|material| materials[*material as usize].material().transmission > 0.0);
+        // Of a mesh that stands in many places once.
+        let mut known_shares = HashMap::new();
         let emission_of = |instance: usize, primitive: usize| {
-            let material = &materials[primitive_materials[instance][primitive] as usize];
+            let number = primitive_materials[instance][primitive];
+            let material = &materials[number as usize];
             let luminance = material.emission_luminance();
             (luminance > 0.0).then(|| {
                 let instance = &accel.instances()[instance];
-                let shares = material.emission_shares(instance, &instance.mesh().primitives()[primitive]);
+                let mesh = instance.mesh();
+                let shares = known_shares
+                    .entry((std::ptr::from_ref(mesh), primitive, number))
+                    .or_insert_with(|| {
+                        material.emission_shares(instance, &mesh.primitives()[primitive]).map(Arc::from)
+                    })
+                    .clone();
                 Emission { luminance, shares, two_sided: material.material().double_sided }
             })
         };

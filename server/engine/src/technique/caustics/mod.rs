@@ -57,7 +57,8 @@ pub enum CausticLight {
     /// All of it.
     #[default]
     All,
-    /// Light that no path from the eye can find: of lights without size, by a mirror or clear glass first.
+    /// Light that no path from the eye can find: of lights without size, by a mirror or clear glass first, but for that of suns straight
+    /// through panes.
     Hidden,
 }
 

@@ -173,16 +173,16 @@ impl CausticTracer<'_> {
             let Some(hit) = self.world.closest_hit(&flight.ray) else { return u64::from(bounce) + 1 };
             let surface = flight.arrive(self.world, &hit);
             let towards_light = -flight.ray.direction;
+            let came = match passed {
+                Some(passed) if passed.is_straight(flight.ray.direction) => Came::ByPanes,
+                _ => Came::Focused,
+            };
             if bounce > 0 && is_shown_on(&surface) {
                 shown_count += 1;
                 // Evenly spread over the counts, by one number for all of them.
                 let kept = (STORED_SURELY / shown_count as f32).min(1.0);
                 if (chance + shown_count as f32 * GOLDEN_RATIO).fract() < kept {
                     let faces = facing(&surface, towards_light);
-                    let came = match passed {
-                        Some(passed) if passed.is_straight(flight.ray.direction) => Came::ByPanes,
-                        _ => Came::Focused,
-                    };
                     let photon = CausticPhoton {
                         position: surface.point.position,
                         radius_m: 0.0,
@@ -200,8 +200,9 @@ impl CausticTracer<'_> {
             let wo_local = surface.frame.to_local(towards_light);
             let drawn = surface.bsdf.sample_specular(wo_local, [lobe, u, v]);
             passed = passed.zip(drawn).and_then(|(passed, drawn)| passed.after(wo_local, &drawn));
-            // From a lobe with a width the light itself is sampled.
-            let is_hidden = bounce > 0 || drawn.is_some_and(|drawn| drawn.pdf_solid_angle.is_none());
+            // From a lobe with a width light that comes straight or through panes is sampled.
+            let is_sampled = bounce == 0 || came == Came::ByPanes;
+            let is_hidden = !is_sampled || drawn.is_some_and(|drawn| drawn.pdf_solid_angle.is_none());
             let drawn = drawn.filter(|_| is_hidden || self.settings.light == CausticLight::All);
             let Some(mut next) = drawn.and_then(|drawn| flight.scattered(&surface, &drawn)) else {
                 return u64::from(bounce) + 1;

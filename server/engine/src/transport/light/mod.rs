@@ -13,6 +13,8 @@ mod tests;
 mod tree;
 mod upload;
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 pub(crate) use self::change::{LightsChange, change_of_lights};
@@ -127,7 +129,7 @@ pub(in crate::transport) struct Emission {
     /// Mean luminance of the emitted radiance over the material's texture.
     pub(in crate::transport) luminance: f32,
     /// By triangle: about how much more of it that emits than the mean, above 0. `None`: as much everywhere.
-    pub(in crate::transport) shares: Option<Vec<f32>>,
+    pub(in crate::transport) shares: Option<Arc<[f32]>>,
     pub(in crate::transport) two_sided: bool,
 }
 
@@ -143,7 +145,7 @@ impl Lights {
     pub(in crate::transport) fn collect(
         scene: &Scene,
         accel: &Accel,
-        emission_of: impl Fn(usize, usize) -> Option<Emission>,
+        mut emission_of: impl FnMut(usize, usize) -> Option<Emission>,
     ) -> Lights {
         let mut lights = Lights {
             local: Vec::new(),

@@ -123,3 +123,33 @@ fn photons_through_panes_are_what_light_sampling_finds() {
         }
     }
 }
+
+/// Where suns are sampled through panes, on lobes with a width, photons of hidden light stop: paths find what those send on.
+#[test]
+fn hidden_light_is_not_what_paths_find_through_panes() {
+    let mut stage = Stage::default();
+    let white = stage.material("white", Material::lambert(Rgb::splat(0.8))).unwrap();
+    let clear = stage.material("clear", clear_glass()).unwrap();
+    for (name, roughness) in [("narrow", 0.25), ("broad", 0.6)] {
+        let metal = Material { metallic: 1.0, roughness, ..Material::lambert(Rgb::splat(0.8)) };
+        let metal = stage.material(name, metal).unwrap();
+        let z = if name == "narrow" { -1.0 } else { 1.0 };
+        let square = [v(-1., 0., z + 0.9), v(1., 0., z + 0.9), v(1., 0., z - 0.9), v(-1., 0., z - 0.9)];
+        stage.place(name, quad(square, &metal), DAffine3::IDENTITY).unwrap();
+    }
+    let wall = [v(-4., 0., 4.), v(-4., 0., -4.), v(-4., 6., -4.), v(-4., 6., 4.)];
+    stage.place("wall", quad(wall, &white), DAffine3::IDENTITY).unwrap();
+    stage.place("pane", cuboid(v(1., 2., -2.), v(3.5, 2.02, 2.), &clear), DAffine3::IDENTITY).unwrap();
+    let sun = LightKind::Directional { irradiance: Rgb::splat(3.0) };
+    let direction = v(-1.0, -1.0, 0.0).normalize();
+    stage.light("sun", Light { kind: sun, parent: None, position: DVec3::ZERO, direction }).unwrap();
+    let world = world_of(stage.finish());
+    let on_wall = |light| {
+        let photons = photons_of_a_pass(&world, &CausticSettings { light, ..settings(200_000) });
+        let is_there = |photon: &&CausticPhoton| photon.normal.x.abs() > 0.9;
+        let flux = |photon: &CausticPhoton| f64::from(photon.flux_w.g);
+        photons.iter().filter(is_there).map(flux).sum::<f64>()
+    };
+    let [all, hidden] = [CausticLight::All, CausticLight::Hidden].map(on_wall);
+    assert!(all > 1.0 && hidden < 0.15 * all, "{hidden} W of {all}");
+}

@@ -59,9 +59,11 @@ impl Tracer<'_> {
     fn shows_focused(&self, path: &Path<'_>, surface: &Surface, glosses: Glosses) -> Option<ShownFocused> {
         // A gloss shows the light of lamps in mirrors, which goes with the caustics.
         let is_shown = self.settings.shown.contains(PathClass::Caustic);
-        let is_glossy = is_shown
+        // What a gloss before has gathered is not sampled again, unless photons stop where light can be sampled.
+        let is_left = path.since_gathered == 0 || glosses == Glosses::Any && !self.settings.asks;
+        let is_glossy = (is_shown || path.class == PathClass::Indirect)
             && (glosses == Glosses::Any || surface.bsdf.has_broad_gloss())
-            && path.since_gathered == 0
+            && is_left
             // What it sends to a near surface before is known there.
             && !path.is_beyond_near();
         // From surfaces that are seen, nothing else.

@@ -29,7 +29,7 @@ use crate::{
 
 /// Invocations of a workgroup.
 pub(super) const WORKGROUP: u32 = 64;
-/// Fewest and most paths of a slice, some 400 bytes each, photons 590: cards run some 10⁵ at once, the last of a slice keep them waiting, and
+/// Fewest and most paths of a slice, some 400 bytes each, 480 where there is glass, photons 590: cards run some 10⁵ at once, the last of a slice keep them waiting, and
 /// every scene that is looked at has places of its own.
 pub(super) const SLICE_MIN: u32 = 4096;
 const SLICE_MAX: u32 = 1 << 19;

@@ -4,8 +4,8 @@ use std::mem::offset_of;
 
 use lumicast_shaders::{
     CAUSTICS_PLACE, FILM_UNJOINED, GATHER_BEGIN, IRRADIANCE_RESOLVE, IRRADIANCE_SEEN, IRRADIANCE_SPLAT,
-    IRRADIANCE_SPLAT_TILES, PATH_HAND_OVER, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN, PHOTONS_BEGIN,
-    PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
+    IRRADIANCE_SPLAT_TILES, PATH_HAND_OVER, PATH_OCCLUDED, PATH_SHADE, PATH_SHADE_BY_OCTREE, PATH_TURN,
+    PHOTONS_BEGIN, PHOTONS_FLY, PLANES, PROOF_CONSTANTS,
 };
 
 use super::{
@@ -30,7 +30,9 @@ use crate::{
         GpuLightSet, GpuOctreeHeader, PHOTON_MARK_BITS, PHOTON_MARK_DIFFUSE, PHOTON_MARK_FRONT,
         octree::GatherOnCard,
     },
-    transport::{self, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse},
+    transport::{
+        self, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse, Passed,
+    },
 };
 
 /// Planes lie in WGSL as in Rust.
@@ -487,8 +489,23 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
         assert_eq!(numbers[name], f64::from(slot as u32), "{name}");
     }
     assert_eq!(numbers["ABSENT"], f64::from(u32::MAX));
-    for (name, flag) in [("IS_ASKING", IS_ASKING), ("SHOWS_CAUSTICS", SHOWS_CAUSTICS)] {
+    let of_focus = [
+        ("IS_ASKING", IS_ASKING),
+        ("SHOWS_CAUSTICS", SHOWS_CAUSTICS),
+        ("LEAVES_SUNS", LEAVES_SUNS),
+        ("LEAVES_SKY", LEAVES_SKY),
+    ];
+    for (name, flag) in of_focus {
         assert_eq!(numbers[name], f64::from(flag), "{name}");
+    }
+    let numbers = numbers_of(&PATH_OCCLUDED.source(PROOF_CONSTANTS));
+    let of_panes = [
+        ("BOUNDARIES_MAX", f64::from(Passed::BOUNDARIES_MAX)),
+        ("STRAIGHT", f64::from(Passed::STRAIGHT)),
+        ("SAME_INDEX", f64::from(Passed::SAME_INDEX)),
+    ];
+    for (name, number) in of_panes {
+        assert!((numbers[name] - number).abs() <= 1e-6 * number, "{name}");
     }
     let numbers = numbers_of(&PHOTONS_FLY.source(PROOF_CONSTANTS));
     let of_photons = [
