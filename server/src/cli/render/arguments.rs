@@ -60,7 +60,7 @@ pub struct RenderArgs {
     /// --error too, only as well as that many samples are worth: 1 takes as long as 4
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub samples: Option<u32>,
-    /// Most scatterings of a path: 1 is emission and direct light only; no bound when left out. With --indirect auto,
+    /// Most scatterings of a path: 1 is emission and direct light only, a pane of glass counts as two; no bound when left out. With --indirect auto,
     /// octree and irradiance the bound on what a surface receives takes no account of mirrors and glass between it and the eye
     #[arg(long, value_name = "N")]
     pub bounces: Option<u32>,
