@@ -41,33 +41,47 @@ fn advance(slot: u32) -> bool {
 }
 
 /// `Flight::draw`.
-fn draw(path: Path, surface: Surface, u: vec3f) -> BsdfSample {
-    let wo = frame_to_local(surface.frame, -path.direction);
-    var drawn = sample_bsdf(surface.bsdf, wo, u);
-    let n_geo = surface.point.n_geo;
-    if !drawn.exists || drawn.is_specular || abs(dot(surface.frame.n, n_geo)) >= STRAIGHT_COS {
+fn draw(path: Path, surface: ptr<function, Surface>, u: vec3f) -> BsdfSample {
+    let wo = -path.direction;
+    let bsdf = (*surface).bsdf;
+    var drawn = sample_bsdf(bsdf, frame_to_local((*surface).frame, wo), u);
+    if !drawn.exists {
         return drawn;
     }
-    var wi = frame_to_local(surface.frame, frame_to_world(frame_around(n_geo), cosine_hemisphere(u.yz)));
-    if wi.z * drawn.wi.z < 0.0 {
+    let n_geo = (*surface).point.n_geo;
+    let normals = (*surface).normals;
+    let is_hidden = !face_alike(normals, wo);
+    if drawn.is_specular {
+        if is_hidden && bsdf.kind != GLASS {
+            return absorbed();
+        }
+        return drawn;
+    }
+    if !is_hidden && abs(dot(normals.n_mapped, n_geo)) >= STRAIGHT_COS {
+        return drawn;
+    }
+    var wi = frame_to_world(frame_around(n_geo), cosine_hemisphere(u.yz));
+    if dot(wi, normals.n_smooth) * dot(wo, normals.n_smooth) < 0.0 {
         wi = -wi;
     }
-    let value = eval_bsdf(surface.bsdf, wo, wi).diffuse;
-    let chance = value.pdf_solid_angle / cosine_hemisphere_pdf(abs(wi.z));
-    let pdf = chance * cosine_hemisphere_pdf(abs(dot(frame_to_world(surface.frame, wi), n_geo)));
+    let chance = drawn.pdf_solid_angle / cosine_hemisphere_pdf(abs(drawn.wi.z));
+    let frame = frame_around(seen_from(normals, wi));
+    let pdf = chance * cosine_hemisphere_pdf(abs(dot(wi, n_geo)));
     if !(pdf > 0.0) {
         return absorbed();
     }
-    drawn.wi = wi;
-    drawn.weight = value.f_cos * (1.0 / pdf);
+    (*surface).frame = frame;
+    drawn.wi = frame_to_local(frame, wi);
+    drawn.weight = eval_bsdf(bsdf, frame_to_local(frame, wo), drawn.wi).diffuse.f_cos * (1.0 / pdf);
     drawn.pdf_solid_angle = pdf;
     return drawn;
 }
 
 /// Draws where the photon goes on; false when it is absorbed.
-fn scatter(path: ptr<function, Path>, hit: Hit, surface: Surface) -> bool {
+fn scatter(path: ptr<function, Path>, hit: Hit, met: Surface) -> bool {
     let u = four(PixelSampler((*path).key, (*path).passing), (*path).bounce + 2u);
-    let drawn = draw(*path, surface, u.xyz);
+    var surface = met;
+    let drawn = draw(*path, &surface, u.xyz);
     if !drawn.exists {
         return false;
     }
@@ -76,7 +90,7 @@ fn scatter(path: ptr<function, Path>, hit: Hit, surface: Surface) -> bool {
     let wo_local = frame_to_local(surface.frame, wo);
     let wi = frame_to_world(surface.frame, drawn.wi);
     let weight = (*path).throughput * drawn.weight
-        * (drawn.eta_squared * flux_over_radiance(surface, wo, wo_local, wi, drawn.wi));
+        * (drawn.eta_squared * flux_over_radiance(surface, wo, wi, drawn));
     let carried = luminance(weight);
     if !(carried > 0.0 && max_component(weight) <= FLOAT_MAX) {
         return false;

@@ -117,6 +117,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("LIKE_COS", Constant::F32(0.3)),
     ("PHOTON_SURVIVAL_MAX", Constant::F32(0.99)),
     ("STRAIGHT_COS", Constant::F32(0.999_99)),
+    ("BENT_MAX", Constant::F32(32.0)),
     ("TILE_SIDE", Constant::U32(16)),
     ("RADIANCE_MAX", Constant::F32(1e9)),
     ("TONE_REINHARD", Constant::U32(1)),

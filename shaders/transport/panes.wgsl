@@ -46,7 +46,7 @@ fn through_panes(ray: Ray) -> Passage {
         }
         let wi = frame_to_world(surface.frame, passing.wi);
         passage.share *= transmittance(medium, hit.t) * passing.weight
-            * (passing.eta_squared * flux_over_radiance(surface, wo, wo_local, wi, passing.wi));
+            * (passing.eta_squared * flux_over_radiance(surface, wo, wi, passing));
         if !(luminance(passage.share) > 0.0 && max_component(passage.share) <= FLOAT_MAX) {
             return passage;
         }

@@ -1,8 +1,15 @@
 // A point of a surface as a path meets it: `transport/surface.rs`.
 
+/// Interpolated, and bent by the normal map: `Normals`.
+struct Normals {
+    n_smooth: vec3f,
+    n_mapped: vec3f,
+}
+
 struct Surface {
     point: SurfacePoint,
     frame: Frame,
+    normals: Normals,
     bsdf: Bsdf,
     /// Radiance sent back along the ray.
     emitted: vec3f,
@@ -59,25 +66,36 @@ fn bsdf_of(material: u32, base: vec3f, at: Interpolated) -> Bsdf {
     return bsdf;
 }
 
-/// Interpolated normal, bent by the normal map; the triangle's own where the mesh has none.
-fn shading_normal(
-    instance: u32,
-    corners: vec3u,
-    weights: vec3f,
-    material: u32,
-    at: Interpolated,
-    n_geo: vec3f,
-) -> vec3f {
-    var n = n_geo;
-    let normals_at = placements[instance].normals_at;
-    if normals_at != ABSENT {
-        let a = geometry_vec3(normals_at, corners.x);
-        let b = geometry_vec3(normals_at, corners.y);
-        let c = geometry_vec3(normals_at, corners.z);
-        if !is_black(a) && !is_black(b) && !is_black(c) {
-            n = normalize_or(normal_to_render(instance, a * weights.x + b * weights.y + c * weights.z), n_geo);
-        }
+/// `Normals::face_alike`.
+fn face_alike(normals: Normals, wo: vec3f) -> bool {
+    return dot(wo, normals.n_mapped) * dot(wo, normals.n_smooth) >= 0.0;
+}
+
+/// `Normals::seen_from`.
+fn seen_from(normals: Normals, wo: vec3f) -> vec3f {
+    if face_alike(normals, wo) {
+        return normals.n_mapped;
     }
+    return normals.n_mapped - wo * (2.0 * dot(wo, normals.n_mapped));
+}
+
+/// The interpolated normal; the triangle's own where the mesh has none.
+fn smooth_normal(instance: u32, corners: vec3u, weights: vec3f, n_geo: vec3f) -> vec3f {
+    let normals_at = placements[instance].normals_at;
+    if normals_at == ABSENT {
+        return n_geo;
+    }
+    let a = geometry_vec3(normals_at, corners.x);
+    let b = geometry_vec3(normals_at, corners.y);
+    let c = geometry_vec3(normals_at, corners.z);
+    if is_black(a) || is_black(b) || is_black(c) {
+        return n_geo;
+    }
+    return normalize_or(normal_to_render(instance, a * weights.x + b * weights.y + c * weights.z), n_geo);
+}
+
+/// The interpolated normal `n`, bent by the normal map.
+fn mapped_normal(instance: u32, corners: vec3u, weights: vec3f, material: u32, at: Interpolated, n: vec3f) -> vec3f {
     if !HAS_TEXTURES || (materials[material].textures[NORMAL].flags & TEXTURE_IS_THERE) == 0u {
         return n;
     }
@@ -135,11 +153,13 @@ fn surface_at(instance: u32, triangle: u32, b1: f32, b2: f32, direction: vec3f) 
     surface.emitted = emitted(instance, triangle, material, weights, dot(wo, surface.point.n_geo) > 0.0);
     let texel = sampled(material, BASE_COLOR, at, vec4f(1.0)) * at.color;
     let base = materials[material].base_color * texel.xyz;
-    var n = shading_normal(instance, corners, weights, material, at, surface.point.n_geo);
+    let n_smooth = smooth_normal(instance, corners, weights, surface.point.n_geo);
+    var normals = Normals(n_smooth, mapped_normal(instance, corners, weights, material, at, n_smooth));
     surface.unlit = vec3f(0.0);
     surface.inside = 0u;
     if (materials[material].flags & UNLIT) != 0u {
-        surface.frame = frame_around(n);
+        surface.normals = normals;
+        surface.frame = frame_around(normals.n_mapped);
         surface.bsdf = Bsdf(BLACK, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 1.0, 1.0, 0.0);
         surface.emitted = vec3f(0.0);
         surface.unlit = base;
@@ -147,23 +167,31 @@ fn surface_at(instance: u32, triangle: u32, b1: f32, b2: f32, direction: vec3f) 
     }
     surface.bsdf = bsdf_of(material, base, at);
     let is_glass = surface.bsdf.kind == GLASS;
-    if !is_glass && dot(wo, n) < 0.0 {
-        n = -n;
+    if !is_glass && dot(wo, n_smooth) < 0.0 {
+        normals = Normals(-normals.n_smooth, -normals.n_mapped);
     }
     if is_glass && materials[material].attenuation_distance_m > 0.0 {
         surface.inside = material + 1u;
     }
-    surface.frame = frame_around(n);
+    surface.normals = normals;
+    surface.frame = frame_around(seen_from(normals, wo));
     return surface;
 }
 
 /// What flux takes on at a bent normal beside the weight of radiance: `Flight::scattered`.
-fn flux_over_radiance(surface: Surface, wo: vec3f, wo_local: vec3f, wi: vec3f, wi_local: vec3f) -> f32 {
-    let bent = abs(dot(wo, surface.point.n_geo) * wi_local.z);
-    if bent > 0.0 {
-        return abs(wo_local.z * dot(wi, surface.point.n_geo)) / bent;
+///
+/// - `wi`: `drawn.wi`, turned into the scene
+fn flux_over_radiance(surface: Surface, wo: vec3f, wi: vec3f, drawn: BsdfSample) -> f32 {
+    let n_geo = surface.point.n_geo;
+    if dot(wo, n_geo) * drawn.wi.z == 0.0 {
+        return 1.0;
     }
-    return 1.0;
+    let arriving = abs(dot(wo, surface.frame.n) / dot(wo, n_geo));
+    let leaving = abs(dot(wi, n_geo) / drawn.wi.z);
+    if drawn.is_specular {
+        return min(arriving * leaving, BENT_MAX);
+    }
+    return min(arriving, BENT_MAX) * leaving;
 }
 
 /// Share of light left after a way through what fills a material; `medium` as in [`Surface`].

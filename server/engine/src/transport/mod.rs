@@ -17,7 +17,7 @@ mod world;
 pub use bsdf::{Bsdf, BsdfSample, BsdfValue, CoatedBase, EVEN_RISE, schlick_rise};
 pub use flight::Flight;
 #[cfg(feature = "gpu")]
-pub(crate) use flight::STRAIGHT_COS;
+pub(crate) use flight::{BENT_MAX, STRAIGHT_COS};
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Opening, Source,
     SourceName, Sphere, Through,
@@ -27,7 +27,7 @@ pub(crate) use light::{FEW, IMPORTANCE_MAX, LEVEL};
 pub(crate) use light::{LightsChange, change_of_lights};
 pub use panes::{Passage, Passed};
 pub use path_class::{PathClass, PathClasses, Scatter};
-pub use surface::{Absorption, Surface};
+pub use surface::{Absorption, Normals, Surface};
 pub use upload::{
     AppearanceBuffers, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse,
     TEXTURE_FLAGS, WorldBuffers, WorldFeatures,

@@ -39,6 +39,8 @@ pub struct Surface {
     pub point: SurfacePoint,
     /// Shading frame; its normal is on the side of the ray's start for everything but glass, where it is outside.
     pub frame: Frame,
+    /// What the frame's normal comes from, on its side.
+    pub normals: Normals,
     /// Scattering model.
     pub bsdf: Bsdf,
     /// Radiance sent back along the ray, W/(m² sr).
@@ -47,6 +49,35 @@ pub struct Surface {
     pub unlit: Rgb,
     /// What fills the inside of glass that absorbs.
     pub inside: Option<Absorption>,
+}
+
+/// Normals of a surface at one point, unit.
+#[derive(Clone, Copy, Debug)]
+pub struct Normals {
+    /// Interpolated between the corners; says which side is seen.
+    pub smooth: Vec3,
+    /// The same bent by the normal map, which may bend it away from who looks along the surface.
+    pub mapped: Vec3,
+}
+
+impl Normals {
+    /// The normal that `wo` sees (unit, away from the surface). Of bumps the slopes that face away are hidden behind others: what is seen
+    /// there counts as the slope that is as steep and faces `wo`, mirrored in the plane across `wo`, so that nothing jumps where
+    /// a slope turns away.
+    pub fn seen_from(&self, wo: Vec3) -> Vec3 {
+        let cos = wo.dot(self.mapped);
+        if self.face_alike(wo) { self.mapped } else { self.mapped - wo * (2.0 * cos) }
+    }
+
+    /// `wo` is on the same side of both.
+    pub(in crate::transport) fn face_alike(&self, wo: Vec3) -> bool {
+        wo.dot(self.mapped) * wo.dot(self.smooth) >= 0.0
+    }
+
+    /// Those of the other side.
+    fn turned(self) -> Normals {
+        Normals { smooth: -self.smooth, mapped: -self.mapped }
+    }
 }
 
 /// Beer–Lambert absorption.
@@ -224,17 +255,18 @@ impl PreparedMaterial {
         let from_front = wo.dot(point.n_geo) > 0.0;
         let emitted = self.emitted(instance, hit, from_front);
         let base = self.base_color(&at);
-        let n_shade = self.shading_normal(instance, hit, &at, point.n_geo);
+        let normals = self.normals(instance, hit, &at, point.n_geo);
         if self.material.unlit {
-            let (frame, bsdf) = (Frame::around(n_shade), Bsdf::Black);
-            return Surface { point, frame, bsdf, emitted: Rgb::BLACK, unlit: base, inside: None };
+            let (frame, bsdf) = (Frame::around(normals.mapped), Bsdf::Black);
+            return Surface { point, frame, normals, bsdf, emitted: Rgb::BLACK, unlit: base, inside: None };
         }
         let bsdf = self.bsdf(base, &at);
         let is_glass = matches!(bsdf, Bsdf::Glass(_));
         // Reflection is two-sided: the frame turns to the viewer. For glass the sides differ and the frame stays.
-        let n_shade = if !is_glass && wo.dot(n_shade) < 0.0 { -n_shade } else { n_shade };
+        let normals = if !is_glass && wo.dot(normals.smooth) < 0.0 { normals.turned() } else { normals };
         let inside = self.absorption().filter(|_| is_glass);
-        Surface { point, frame: Frame::around(n_shade), bsdf, emitted, unlit: Rgb::BLACK, inside }
+        let frame = Frame::around(normals.seen_from(wo));
+        Surface { point, frame, normals, bsdf, emitted, unlit: Rgb::BLACK, inside }
     }
 
     /// What fills bodies of glass of this material; `None` where that absorbs nothing.
@@ -275,8 +307,8 @@ impl PreparedMaterial {
         Bsdf::Gltf(Gltf::new(base, metallic, roughness, material.ior, specular, specular_color))
     }
 
-    /// Interpolated normal, bent by the normal map; the triangle's own where the mesh has none.
-    fn shading_normal(&self, instance: &Instance, hit: &Hit, at: &Interpolated, n_geo: Vec3) -> Vec3 {
+    /// The interpolated normal, the triangle's own where the mesh has none, and what the normal map makes of it.
+    fn normals(&self, instance: &Instance, hit: &Hit, at: &Interpolated, n_geo: Vec3) -> Normals {
         let mesh = instance.mesh();
         let triangle = mesh.triangles()[hit.triangle as usize];
         let weights = weights(hit);
@@ -290,10 +322,9 @@ impl PreparedMaterial {
                 n = instance.normal_to_render(n_in_mesh).normalize_or(n_geo);
             }
         }
-        match self.sampled(TextureSlot::Normal, at) {
-            None => n,
-            Some(texel) => self.bent(instance, triangle, weights, n, texel).unwrap_or(n),
-        }
+        let texel = self.sampled(TextureSlot::Normal, at);
+        let mapped = texel.and_then(|texel| self.bent(instance, triangle, weights, n, texel)).unwrap_or(n);
+        Normals { smooth: n, mapped }
     }
 
     fn bent(
@@ -362,4 +393,78 @@ fn interpolated(instance: &Instance, hit: &Hit) -> Interpolated {
         }
     };
     Interpolated { texcoords: [texcoord(0), texcoord(1)], color }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DAffine3, DVec3};
+
+    use super::*;
+    use crate::{
+        accel::Ray,
+        scene::{
+            Texels, TextureRef,
+            samples::{self, Stage},
+        },
+        transport::World,
+    };
+
+    /// A slope of 60° towards +x on a floor, and what is seen of it from all around.
+    #[test]
+    fn slopes_that_face_away_are_seen_as_slopes_that_do_not() {
+        let normals = Normals { smooth: Vec3::Y, mapped: Vec3::new(0.75f32.sqrt(), 0.5, 0.0) };
+        let mut before: Option<Vec3> = None;
+        let mut hidden = 0;
+        for step in 1..1800 {
+            let angle = (step as f32 * 0.1).to_radians();
+            let wo = Vec3::new(angle.cos(), angle.sin(), 0.0);
+            let n = normals.seen_from(wo);
+            assert!((n.length() - 1.0).abs() < 1e-6 && n.dot(wo) >= 0.0, "{n} from {wo}");
+            // As steep to who looks, mirrored in the plane across their way.
+            assert!((n.dot(wo) - normals.mapped.dot(wo).abs()).abs() < 1e-6);
+            hidden += i32::from(n != normals.mapped);
+            let jump = before.map_or(0.0, |before| before.distance(n));
+            // It turns twice as fast as the eye.
+            assert!(jump < 2.1 * 0.1f32.to_radians(), "{jump} at {angle}");
+            before = Some(n);
+        }
+        assert!((599..=600).contains(&hidden), "from 120° to 180°: {hidden}");
+        assert_eq!(normals.turned().seen_from(-Vec3::X), -normals.mapped);
+    }
+
+    /// Bumps of a floor seen along it from the side that their slopes turn away from: no black, and the same side of glass as the surface.
+    #[test]
+    fn bumps_seen_from_aside_are_not_turned_inside_out() {
+        // 60° towards +u.
+        let texel = [238u8, 128, 191, 255];
+        for (is_glass, from_above) in [(false, true), (false, false), (true, true), (true, false)] {
+            let mut stage = Stage::default();
+            let id = |name: &str| Id::new(name).unwrap();
+            let picture = Texture { width: 1, height: 1, texels: Texels::Rgba8(vec![texel]) };
+            stage.builder().add_texture(id("bumps"), picture).unwrap();
+            let transmission = f32::from(u8::from(is_glass));
+            let mut material = Material { transmission, ..Material::lambert(Rgb::WHITE) };
+            material.textures[TextureSlot::Normal as usize] = Some(TextureRef::new(id("bumps")));
+            let material = stage.material("bumpy", material).unwrap();
+            let v = DVec3::new;
+            let mut floor = samples::quad(
+                [v(-1.0, 0.0, 1.0), v(1.0, 0.0, 1.0), v(1.0, 0.0, -1.0), v(-1.0, 0.0, -1.0)],
+                &material,
+            );
+            floor.texcoords[0] = vec![Vec2::new(0.0, 1.0), Vec2::ONE, Vec2::new(1.0, 0.0), Vec2::ZERO];
+            stage.place("floor", floor, DAffine3::IDENTITY).unwrap();
+            let world = World::prepare(Arc::new(stage.finish()));
+            let height = if from_above { 0.2 } else { -0.2 };
+            let ray = Ray::new(Vec3::new(-0.9, height, 0.1), Vec3::new(0.9, -height, 0.0).normalize());
+            let surface = world.surface(&world.closest_hit(&ray).unwrap(), ray.direction);
+            let (n, wo) = (surface.frame.n, -ray.direction);
+            let leaning = surface.normals.mapped * if from_above || is_glass { 1.0 } else { -1.0 };
+            assert!((leaning - Vec3::new(0.866, 0.5, 0.0)).length() < 0.01, "{leaning}");
+            // Seen from below, the bumps lean towards who looks from there: upwards they are the hollows.
+            let outwards = if is_glass { Vec3::Y } else { Vec3::Y * height.signum() };
+            assert!(n.dot(wo) * outwards.dot(wo) > 0.0, "glass {is_glass}, {height}: {n} from {wo}");
+            let sun = outwards;
+            assert!(n.dot(sun) > 0.3, "glass {is_glass}, {height}: {n} is not lit");
+        }
+    }
 }

@@ -159,17 +159,17 @@ impl PhotonTracer<'_> {
         tally.flux.absorbed_on_the_way += before - arrived;
         let class = journey.arriving.class();
         hits.push(PhotonHit::new(&surface, hit, -flight.ray.direction, flight.weight, class));
-        let goes_on = arrived > 0.0 && scatter(journey, &surface, numbers);
+        let goes_on = arrived > 0.0 && scatter(journey, surface, numbers);
         tally.flux.absorbed += arrived - if goes_on { carried(&journey.flight) } else { 0.0 };
         goes_on
     }
 }
 
 /// Draws where the photon goes on; false when it is absorbed.
-fn scatter(journey: &mut Journey, surface: &Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
+fn scatter(journey: &mut Journey, mut surface: Surface, [lobe, u, v, survival]: &[f32; 4]) -> bool {
     let flight = &journey.flight;
-    let Some(drawn) = flight.draw(surface, [*lobe, *u, *v]) else { return false };
-    let Some(mut next) = flight.scattered(surface, &drawn) else { return false };
+    let Some(drawn) = flight.draw(&mut surface, [*lobe, *u, *v]) else { return false };
+    let Some(mut next) = flight.scattered(&surface, &drawn) else { return false };
     // Roulette by how much luminance is left: power stays nearly the same, but where next to nothing is lost.
     let survives = (next.weight.luminance() / flight.weight.luminance()).min(PHOTON_SURVIVAL_MAX);
     if !(survives > 0.0) || *survival >= survives {

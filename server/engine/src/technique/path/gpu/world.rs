@@ -18,7 +18,8 @@ use crate::{
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{
-        AppearanceBuffers, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers, WorldFeatures,
+        AppearanceBuffers, BENT_MAX, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
+        WorldFeatures,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
 };
@@ -132,6 +133,7 @@ pub(super) fn constants_of(packed: &PackedScene) -> Vec<(&'static str, Constant)
         ("LIKE_COS", Constant::F32(LIKE_COS)),
         ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
         ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
+        ("BENT_MAX", Constant::F32(BENT_MAX)),
     ];
     constants.extend(constants_of_features(features));
     constants.extend(constants_of_maps());
