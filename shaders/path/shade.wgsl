@@ -296,7 +296,7 @@ fn add_light_sample(
             return;
         }
         shadow.direction = end - shadow.origin;
-        shadow.t_max = 1.0;
+        shadow.t_max = select(TO_POINT, 1.0, light.origin == 2u);
         medium_share = transmittance(path.medium, length(shadow.direction));
     }
     let arriving = path.throughput * radiance * (1.0 / light.pdf) * medium_share;

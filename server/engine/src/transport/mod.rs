@@ -32,4 +32,5 @@ pub use upload::{
     AppearanceBuffers, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse,
     TEXTURE_FLAGS, WorldBuffers, WorldFeatures,
 };
+pub(crate) use world::TO_POINT;
 pub use world::{ShadowRay, World, WorldReport};
