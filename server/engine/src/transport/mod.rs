@@ -32,5 +32,6 @@ pub use upload::{
     AppearanceBuffers, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse,
     TEXTURE_FLAGS, WorldBuffers, WorldFeatures,
 };
+#[cfg(feature = "gpu")]
 pub(crate) use world::TO_POINT;
 pub use world::{ShadowRay, World, WorldReport};
