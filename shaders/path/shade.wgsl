@@ -235,8 +235,7 @@ fn add_emission(slot: u32, path: Path, hit: Hit, surface: Surface) {
             path.last_position,
             path.last_n,
             path.direction,
-            hit.instance,
-            hit.triangle,
+            hit,
             surface.point,
         );
         weight = power_heuristic(path.last_pdf, light_pdf);

@@ -2,7 +2,7 @@
 
 /// A light that stands somewhere, or a directional one.
 struct Light {
-    /// Where; of a directional light the way its light goes.
+    /// Where; of a directional light the way its light goes; of a triangle corner and scale of the part that this is of it.
     position: vec3f,
     /// 0 triangle, 1 point, 2 spot, 3 directional.
     kind: u32,
@@ -355,7 +355,7 @@ fn sample_local(index: u32, chance: f32, p: vec3f, u: vec2f) -> LightSample {
         sample.exists = !is_black(sample.radiance);
         return sample;
     }
-    let weights = triangle_weights(u);
+    let weights = light.position.xy + light.position.z * triangle_weights(u);
     sample.b1 = weights.x;
     sample.b2 = weights.y;
     sample.instance = light.instance;
@@ -375,13 +375,25 @@ fn sample_local(index: u32, chance: f32, p: vec3f, u: vec2f) -> LightSample {
     return sample;
 }
 
+/// `Cut::part_of`.
+fn part_of(level: u32, b1: f32, b2: f32) -> u32 {
+    let pieces = 1u << level;
+    let place = max(vec2f(b1, b2) * f32(pieces), vec2f(0.0));
+    let row = min(u32(place.x), pieces - 1u);
+    let column = min(u32(place.y), pieces - 1u - row);
+    let is_turned = (place.x - f32(row)) + (place.y - f32(column)) > 1.0 && column + 1u < pieces - row;
+    return row * (2u * pieces - row) + 2u * column + select(0u, 1u, is_turned);
+}
+
 /// `Lights::pdf_of_triangle`: the density of drawing `wi` from (`p`, `n`) to this point of a triangle.
-fn pdf_of_triangle(p: vec3f, n: vec3f, wi: vec3f, instance: u32, triangle: u32, on_light: SurfacePoint) -> f32 {
-    let runs_at = placements[instance].runs_at;
-    for (var run = 0u; run < placements[instance].run_count; run++) {
-        let first = geometry[runs_at + 3u * run];
-        if triangle >= first && triangle - first < geometry[runs_at + 3u * run + 1u] {
-            let light = geometry[runs_at + 3u * run + 2u] + (triangle - first);
+fn pdf_of_triangle(p: vec3f, n: vec3f, wi: vec3f, hit: Hit, on_light: SurfacePoint) -> f32 {
+    let runs_at = placements[hit.instance].runs_at;
+    for (var run = 0u; run < placements[hit.instance].run_count; run++) {
+        let at = runs_at + 4u * run;
+        let number = hit.triangle - geometry[at];
+        if hit.triangle >= geometry[at] && number < geometry[at + 1u] {
+            let level = geometry[at + 3u];
+            let light = geometry[at + 2u] + (number << (2u * level)) + part_of(level, hit.b1, hit.b2);
             let distance2 = length_squared(on_light.position - p);
             let pdf = area_pdf(on_light.n_geo, lights[light].area_m2, lights[light].is_two_sided != 0u, wi, distance2);
             if pdf <= 0.0 {

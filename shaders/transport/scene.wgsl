@@ -47,7 +47,7 @@ struct Placement {
     primitive_count: u32,
     /// 1: only moved; 2: mirrored.
     flags: u32,
-    /// First triangle, triangles and first light of each run that emits.
+    /// First triangle, triangles, first light and level of the cut of each run that emits.
     runs_at: u32,
     run_count: u32,
     padding_0: u32,

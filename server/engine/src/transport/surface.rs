@@ -3,25 +3,16 @@
 use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
-use rayon::prelude::*;
 
 use super::bsdf::{BROAD_ALPHA, Bsdf, Glass, Gltf, SMOOTH_ALPHA};
 use crate::{
     accel::{Hit, Instance, SurfacePoint},
-    math::{Frame, Rgb, sobol, warp},
-    scene::{Encoding, Id, Material, Primitive, Scene, Texture, TextureSlot},
+    math::{Frame, Rgb},
+    scene::{Encoding, Id, Material, Scene, Texture, TextureSlot},
 };
 
 /// GGX α from which on a gloss focuses nothing: its reflections are as wide as they are far, at roughness 0.5.
 const WIDE_ALPHA: f32 = 0.25;
-
-/// Points of a primitive at which it is asked how much it emits, and of each of its triangles: few milliseconds where lamps are of thousands.
-const SHARE_POINTS: u32 = 1 << 16;
-const SHARE_POINTS_MIN: u32 = 4;
-const SHARE_POINTS_MAX: u32 = 1 << 9;
-/// A triangle of which no point shines is taken to emit so much of the mean of all: dark ones then get few samples, however many they are, and what
-/// shines between the points is not left to chance.
-const SHARE_LEAST: f32 = 0.05;
 
 /// A material with its textures at hand.
 #[derive(Debug)]
@@ -178,36 +169,24 @@ impl PreparedMaterial {
         (sum / (columns * rows) as f32).max(1e-3)
     }
 
-    /// Mean luminance of the picture of emission over each triangle of a primitive, about, over that of all of it; `None` where there is none.
-    /// It steers sampling only: where none of some points shines, another may.
-    pub(in crate::transport) fn emission_shares(
+    /// A picture says where it emits how much.
+    pub(in crate::transport) fn emits_a_picture(&self) -> bool {
+        self.texture(TextureSlot::Emission).is_some()
+    }
+
+    /// Luminance of the picture of emission at one point, over the mean of all of it, about.
+    ///
+    /// - `barycentric`: weights of the triangle's second and third corner
+    pub(in crate::transport) fn emission_share(
         &self,
         instance: &Instance,
-        primitive: &Primitive,
-    ) -> Option<Vec<f32>> {
-        self.texture(TextureSlot::Emission)?;
-        let points =
-            (SHARE_POINTS / primitive.triangle_count.max(1)).clamp(SHARE_POINTS_MIN, SHARE_POINTS_MAX);
-        let point = |number: u32| {
-            let [u, v, ..] = sobol::point(0, number);
-            warp::triangle([u, v])
-        };
-        let points: Vec<[f32; 2]> = (0..points).map(point).collect();
-        let share = |number: u32| {
-            let triangle = primitive.first_triangle + number;
-            let luminance = |&[b1, b2]: &[f32; 2]| {
-                let at = interpolated(instance, &Hit { t: 0.0, instance: 0, triangle, b1, b2 });
-                let texel = self.sampled(TextureSlot::Emission, &at).unwrap_or(Vec4::ZERO);
-                Rgb::new(texel.x, texel.y, texel.z).luminance()
-            };
-            points.iter().map(luminance).sum::<f32>() / (points.len() as f32 * self.mean_emission)
-        };
-        let mut shares: Vec<f32> = (0..primitive.triangle_count).into_par_iter().map(share).collect();
-        let mean = shares.iter().sum::<f32>() / shares.len() as f32;
-        // Of few large dark ones beside many small bright ones as well.
-        let least = SHARE_LEAST * if mean > 0.0 { mean.min(1.0) } else { 1.0 };
-        shares.iter_mut().for_each(|share| *share = share.max(least));
-        shares.iter().all(|share| share.is_finite()).then_some(shares)
+        triangle: u32,
+        barycentric: [f32; 2],
+    ) -> f32 {
+        let [b1, b2] = barycentric;
+        let at = interpolated(instance, &Hit { t: 0.0, instance: 0, triangle, b1, b2 });
+        let texel = self.sampled(TextureSlot::Emission, &at).unwrap_or(Vec4::ZERO);
+        Rgb::new(texel.x, texel.y, texel.z).luminance() / self.mean_emission
     }
 
     pub(in crate::transport) fn is_masked(&self) -> bool {

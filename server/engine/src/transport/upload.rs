@@ -177,7 +177,7 @@ pub struct GpuMaterial {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuLight {
-    /// Where; the way the light goes of a directional one.
+    /// Where; the way the light goes of a directional one; of a triangle the corner and the scale of the part that this is of it.
     pub position: [f32; 3],
     /// [`GpuLight::TRIANGLE`] and those beside it.
     pub kind: u32,
@@ -193,7 +193,7 @@ pub struct GpuLight {
     pub cos_inner: f32,
     /// Of its outer one.
     pub cos_outer: f32,
-    /// Of a triangle, m².
+    /// Of a triangle's part, m².
     pub area_m2: f32,
     /// 1: a triangle that shines from both sides.
     pub is_two_sided: u32,

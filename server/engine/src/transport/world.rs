@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::Absorption;
 use super::{
     Lights, Surface,
-    light::{Emission, EnvironmentLight, Opening, Openings, Through},
+    light::{Emission, EnvironmentLight, Opening, Openings, Shares, Through},
     surface::PreparedMaterial,
 };
 use crate::{
@@ -104,9 +104,7 @@ impl World {
                 let mesh = instance.mesh();
                 let shares = known_shares
                     .entry((std::ptr::from_ref(mesh), primitive, number))
-                    .or_insert_with(|| {
-                        material.emission_shares(instance, &mesh.primitives()[primitive]).map(Arc::from)
-                    })
+                    .or_insert_with(|| Shares::of(material, instance, &mesh.primitives()[primitive]))
                     .clone();
                 Emission { luminance, shares, two_sided: material.material().double_sided }
             })

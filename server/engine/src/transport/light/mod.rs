@@ -7,13 +7,12 @@ mod bounds;
 mod change;
 mod environment;
 mod openings;
+mod shares;
 mod source;
 #[cfg(test)]
 mod tests;
 mod tree;
 mod upload;
-
-use std::sync::Arc;
 
 use glam::Vec3;
 
@@ -21,15 +20,20 @@ pub(crate) use self::change::{LightsChange, change_of_lights};
 pub(in crate::transport) use self::environment::EnvironmentLight;
 pub(in crate::transport) use self::openings::Openings;
 pub use self::openings::{Opening, Through};
+pub(in crate::transport) use self::shares::Shares;
 pub use self::source::{Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, Source, SourceName, Sphere};
-use self::{bounds::LightBounds, tree::LightTree};
+use self::{
+    bounds::LightBounds,
+    shares::{Cut, Part},
+    tree::LightTree,
+};
 #[cfg(all(test, feature = "gpu"))]
 pub(crate) use self::{
     bounds::{IMPORTANCE_MAX, LEVEL},
     tree::FEW,
 };
 use crate::{
-    accel::{Accel, Ray, SurfacePoint},
+    accel::{Accel, Hit, Ray, SurfacePoint},
     math::{Rgb, warp},
     scene::{LightKind, Scene},
 };
@@ -40,8 +44,11 @@ enum LocalLight {
     Triangle {
         instance: u32,
         triangle: u32,
+        /// All of it, or one of those that it is cut into.
+        part: Part,
+        /// Of the part.
         area_m2: f32,
-        /// See [`Emission::shares`].
+        /// See [`Shares`].
         share: f32,
         two_sided: bool,
     },
@@ -101,12 +108,21 @@ pub struct LightSample {
     pub origin: LightOrigin,
 }
 
-/// Triangles of one primitive of an instance that emit, numbered from `first_light` on.
+/// Triangles of one primitive of an instance that emit, their parts numbered from `first_light` on.
 #[derive(Clone, Copy, Debug)]
 struct EmissiveRun {
     first_triangle: u32,
     triangle_count: u32,
     first_light: u32,
+    cut: Cut,
+}
+
+impl EmissiveRun {
+    /// The lights that its triangles are.
+    fn lights(&self) -> std::ops::Range<usize> {
+        let first = self.first_light as usize;
+        first..first + self.triangle_count as usize * self.cut.count() as usize
+    }
 }
 
 /// All lights of a scene.
@@ -128,15 +144,19 @@ pub struct Lights {
 pub(in crate::transport) struct Emission {
     /// Mean luminance of the emitted radiance over the material's texture.
     pub(in crate::transport) luminance: f32,
-    /// By triangle: about how much more of it that emits than the mean, above 0. `None`: as much everywhere.
-    pub(in crate::transport) shares: Option<Arc<[f32]>>,
+    /// `None`: as much everywhere.
+    pub(in crate::transport) shares: Option<Shares>,
     pub(in crate::transport) two_sided: bool,
 }
 
 impl Emission {
-    /// - `number`: of a triangle among the primitive's
-    fn share(&self, number: u32) -> f32 {
-        self.shares.as_ref().map_or(1.0, |shares| shares[number as usize])
+    fn cut(&self) -> Cut {
+        self.shares.as_ref().map_or(Cut::default(), |shares| shares.cut)
+    }
+
+    /// - `number`: of a part of a triangle among the primitive's
+    fn share(&self, number: usize) -> f32 {
+        self.shares.as_ref().map_or(1.0, |shares| shares.of_parts[number])
     }
 }
 
@@ -162,29 +182,40 @@ impl Lights {
             for (primitive_index, primitive) in instance.mesh().primitives().iter().enumerate() {
                 let Some(emission) = emission_of(instance_index, primitive_index) else { continue };
                 lights.slack_m = lights.slack_m.max(instance.slack_m());
+                let cut = emission.cut();
                 runs.push(EmissiveRun {
                     first_triangle: primitive.first_triangle,
                     triangle_count: primitive.triangle_count,
                     first_light: lights.local.len() as u32,
+                    cut,
                 });
+                lights.emissive_triangles += primitive.triangle_count as usize;
                 for number in 0..primitive.triangle_count {
-                    let triangle = (primitive.first_triangle + number, emission.share(number));
-                    lights.add_triangle(accel, instance_index as u32, triangle, &emission, &mut bounds);
+                    let triangle = primitive.first_triangle + number;
+                    let first = number as usize * cut.count() as usize;
+                    let shares = (first..).map(|part| emission.share(part));
+                    lights.add_triangle(
+                        accel,
+                        (instance_index as u32, triangle),
+                        cut.parts().zip(shares),
+                        &emission,
+                        &mut bounds,
+                    );
                 }
             }
             lights.runs.push(runs);
         }
-        lights.emissive_triangles = lights.local.len();
         lights.add_punctual(scene, accel, &mut bounds);
         lights.tree = LightTree::build(bounds);
         lights
     }
 
+    /// - `parts`: those that it is cut into, all of the same size, each with its share
     fn add_triangle(
         &mut self,
         accel: &Accel,
-        instance: u32,
-        (triangle, share): (u32, f32),
+        (instance, triangle): (u32, u32),
+        parts: impl Iterator<Item = (Part, f32)>,
         emission: &Emission,
         bounds: &mut Vec<(u32, LightBounds)>,
     ) {
@@ -195,20 +226,26 @@ impl Lights {
         // from its origin, which a lamp of a centimetre ten kilometres away does not survive.
         let [v0, v1, v2] = corners.map(|vertex| placed.mesh().positions()[vertex as usize]);
         let [e1, e2] = [v1 - v0, v2 - v0].map(|edge| placed.vector_to_render(edge).as_dvec3());
-        let area_m2 = (e1.cross(e2).length() * 0.5) as f32;
+        let area_m2 = (e1.cross(e2).length() * 0.5 / f64::from(emission.cut().count())) as f32;
         let axis = placed.surface_point(triangle, 1.0 / 3.0, 1.0 / 3.0).n_geo;
-        let light = LightBounds {
-            min: a.min(b).min(c),
-            max: a.max(b).max(c),
-            axis,
-            cos_normals: 1.0,
-            cos_emission: 0.0,
-            intensity: (emission.luminance * share * area_m2).min(f32::MAX),
-            two_sided: emission.two_sided,
-        };
-        bounds.push((self.local.len() as u32, light));
         let two_sided = emission.two_sided;
-        self.local.push(LocalLight::Triangle { instance, triangle, area_m2, share, two_sided });
+        for (part, share) in parts {
+            let [a, b, c] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|own| {
+                let [b1, b2] = part.at(own);
+                a * (1.0 - b1 - b2) + b * b1 + c * b2
+            });
+            let light = LightBounds {
+                min: a.min(b).min(c),
+                max: a.max(b).max(c),
+                axis,
+                cos_normals: 1.0,
+                cos_emission: 0.0,
+                intensity: (emission.luminance * share * area_m2).min(f32::MAX),
+                two_sided,
+            };
+            bounds.push((self.local.len() as u32, light));
+            self.local.push(LocalLight::Triangle { instance, triangle, part, area_m2, share, two_sided });
+        }
     }
 
     fn add_punctual(&mut self, scene: &Scene, accel: &Accel, bounds: &mut Vec<(u32, LightBounds)>) {
@@ -354,8 +391,8 @@ impl Lights {
                 sample.radiance *= spot_falloff(-sample.wi.dot(axis), cos_inner, cos_outer);
                 (!sample.radiance.is_black()).then_some(sample)
             }
-            LocalLight::Triangle { instance, triangle, area_m2, two_sided, .. } => {
-                let barycentric = warp::triangle(u);
+            LocalLight::Triangle { instance, triangle, part, area_m2, two_sided, .. } => {
+                let barycentric = part.at(warp::triangle(u));
                 let point = accel.instances()[instance as usize].surface_point(
                     triangle,
                     barycentric[0],
@@ -370,25 +407,19 @@ impl Lights {
         }
     }
 
-    /// Which light a triangle is, if it is one.
-    fn number_of(&self, instance: u32, triangle: u32) -> Option<u32> {
-        let runs = &self.runs[instance as usize];
-        let run = runs.iter().find(|run| triangle.wrapping_sub(run.first_triangle) < run.triangle_count)?;
-        Some(run.first_light + (triangle - run.first_triangle))
+    /// Which light shines where a triangle was hit, if it is one.
+    fn number_of(&self, hit: &Hit) -> Option<u32> {
+        let runs = &self.runs[hit.instance as usize];
+        let run =
+            runs.iter().find(|run| hit.triangle.wrapping_sub(run.first_triangle) < run.triangle_count)?;
+        let before = (hit.triangle - run.first_triangle) * run.cut.count();
+        Some(run.first_light + before + run.cut.part_of([hit.b1, hit.b2]))
     }
 
     /// Density with which [`Lights::sample`] at (`p`, `n`) draws direction `wi` to this point of a triangle; zero when
     /// the triangle is no light.
-    pub fn pdf_of_triangle(
-        &self,
-        p: Vec3,
-        n: Vec3,
-        wi: Vec3,
-        instance: u32,
-        triangle: u32,
-        on_light: &SurfacePoint,
-    ) -> f32 {
-        let Some(light) = self.number_of(instance, triangle) else { return 0.0 };
+    pub fn pdf_of_triangle(&self, p: Vec3, n: Vec3, wi: Vec3, hit: &Hit, on_light: &SurfacePoint) -> f32 {
+        let Some(light) = self.number_of(hit) else { return 0.0 };
         let LocalLight::Triangle { area_m2, two_sided, .. } = self.local[light as usize] else { return 0.0 };
         let distance2 = (on_light.position - p).length_squared();
         match area_pdf(on_light.n_geo, area_m2, two_sided, wi, distance2) {

@@ -56,9 +56,9 @@ struct EnvironmentIdentity {
 #[derive(Debug)]
 struct EmissiveSurface {
     instance: Arc<Instance>,
-    instance_index: u32,
     first_triangle: u32,
-    /// Running sums of the triangles' areas, m², times how much more of the light each emits than the mean.
+    first_light: u32,
+    /// Running sums of the areas of the triangles' parts, m², times how much more of the light each emits than the mean.
     areas: Vec<f64>,
     material: Arc<Material>,
     /// Those that decide where and how much it emits: base colour (for its mask) and emission.
@@ -246,8 +246,7 @@ impl World {
                     continue;
                 };
                 let mut sum = 0.0;
-                let first = run.first_light as usize;
-                let areas: Vec<f64> = lights.local[first..first + run.triangle_count as usize]
+                let areas: Vec<f64> = lights.local[run.lights()]
                     .iter()
                     .map(|light| {
                         if let LocalLight::Triangle { area_m2, share, .. } = light {
@@ -269,8 +268,8 @@ impl World {
                 let texture = |slot: TextureSlot| prepared.texture(slot).cloned();
                 let surface = EmissiveSurface {
                     instance: instance.clone(),
-                    instance_index: index as u32,
                     first_triangle: run.first_triangle,
+                    first_light: run.first_light,
                     areas,
                     material: prepared.shared_material().clone(),
                     textures: [texture(TextureSlot::BaseColor), texture(TextureSlot::Emission)],
@@ -360,9 +359,11 @@ impl World {
         let below = if index == 0 { 0.0 } else { surface.areas[index - 1] };
         let share = surface.areas[index] - below;
         let rest = ((target - below) / share) as f32;
-        let [b1, b2] = warp::triangle([rest.clamp(0.0, 1.0), numbers.position[1]]);
-        let triangle = surface.first_triangle + index as u32;
-        let instance = surface.instance_index;
+        let light = self.lights().local.get(surface.first_light as usize + index)?;
+        let LocalLight::Triangle { instance, triangle, part, share: of_mean, .. } = *light else {
+            return None;
+        };
+        let [b1, b2] = part.at(warp::triangle([rest.clamp(0.0, 1.0), numbers.position[1]]));
         let hit = Hit { t: 0.0, instance, triangle, b1, b2 };
         let placed = &self.accel().instances()[instance as usize];
         let material = self.material_of(&hit);
@@ -373,10 +374,6 @@ impl World {
             SurfacePoint { on: TriangleId { instance, triangle }, ..placed.surface_point(triangle, b1, b2) };
         let from_front = !surface.two_sided || numbers.side < 0.5;
         let n = if from_front { point.n_geo } else { -point.n_geo };
-        let light = self.lights().number_of(instance, triangle)?;
-        let LocalLight::Triangle { share: of_mean, .. } = self.lights().local[light as usize] else {
-            return None;
-        };
         let radiance = material.emitted(placed, &hit, from_front);
         Some(Left { point, n, radiance, area_m2: total as f32 / of_mean })
     }

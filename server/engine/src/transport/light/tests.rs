@@ -76,6 +76,16 @@ fn solid_angle([a, b, c]: [DVec3; 3], p: DVec3) -> f64 {
     2.0 * a.cross(b).dot(c).abs().atan2(1.0 + a.dot(b) + b.dot(c) + c.dot(a))
 }
 
+/// What a light sample says of its density is what it has for who meets the light there by chance.
+fn assert_densities_agree(world: &World, at: &SurfacePoint, sample: &LightSample) {
+    let LightOrigin::Surface { instance, triangle, barycentric: [b1, b2], point } = sample.origin else {
+        return;
+    };
+    let hit = Hit { t: 0.0, instance, triangle, b1, b2 };
+    let again = world.lights().pdf_of_triangle(at.position, at.n_geo, sample.wi, &hit, &point);
+    assert!((again / sample.pdf - 1.0).abs() < 1e-5, "{again} {}", sample.pdf);
+}
+
 /// `rounding`: relative error that single precision may make in every sample alike.
 fn assert_is(statistics: &RunningStatistics, expected: f64, rounding: f64, what: &str) {
     let off = (statistics.mean() - expected).abs();
@@ -161,10 +171,7 @@ fn densities_of_triangles_are_normalised_and_the_same_for_both_strategies() {
     let p = DVec3::new(0.1, -0.5, 0.2);
     let at = receiver(&world, p, DVec3::Y);
     let covered = mean_over_samples(&world, &at, 60_000, |sample| {
-        let LightOrigin::Surface { instance, triangle, point, .. } = sample.origin else { return 0.0 };
-        let again =
-            world.lights().pdf_of_triangle(at.position, at.n_geo, sample.wi, instance, triangle, &point);
-        assert!((again / sample.pdf - 1.0).abs() < 1e-5, "{again} {}", sample.pdf);
+        assert_densities_agree(&world, &at, sample);
         1.0 / f64::from(sample.pdf)
     });
     let lamps = [DAffine3::from_translation(DVec3::Y), up];

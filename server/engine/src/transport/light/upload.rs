@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
-use super::{EnvironmentLight, Lights, LocalLight};
+use super::{EmissiveRun, EnvironmentLight, Lights, LocalLight};
 use crate::{
     math::Rgb,
     scene::Texture,
@@ -19,10 +19,12 @@ pub(in crate::transport) struct PackedLights {
 }
 
 impl Lights {
-    /// First triangle, triangles and first light of each run of an instance's triangles that emit.
-    pub(in crate::transport) fn emissive_runs(&self, instance: usize) -> Vec<[u32; 3]> {
+    /// First triangle, triangles, first light and level of the cut of each run of an instance's triangles that emit.
+    pub(in crate::transport) fn emissive_runs(&self, instance: usize) -> Vec<[u32; 4]> {
         let runs = self.runs.get(instance).map_or(&[][..], Vec::as_slice);
-        runs.iter().map(|run| [run.first_triangle, run.triangle_count, run.first_light]).collect()
+        let words =
+            |run: &EmissiveRun| [run.first_triangle, run.triangle_count, run.first_light, run.cut.level];
+        runs.iter().map(words).collect()
     }
 
     /// The same triangles of an instance emit, and are the same lights by number.
@@ -108,7 +110,8 @@ fn packed(light: &LocalLight) -> GpuLight {
         ..GpuLight::zeroed()
     };
     match light {
-        LocalLight::Triangle { instance, triangle, area_m2, two_sided, .. } => GpuLight {
+        LocalLight::Triangle { instance, triangle, part, area_m2, two_sided, .. } => GpuLight {
+            position: [part.corner[0], part.corner[1], part.scale],
             instance: *instance,
             triangle: *triangle,
             area_m2: *area_m2,

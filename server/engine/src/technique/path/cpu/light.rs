@@ -62,8 +62,7 @@ impl Tracer<'_> {
                 last.position,
                 last.n,
                 path.ray.direction,
-                hit.instance,
-                hit.triangle,
+                hit,
                 &surface.point,
             );
             power_heuristic(last.pdf_solid_angle, light_pdf)

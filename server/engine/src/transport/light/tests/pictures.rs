@@ -81,3 +81,77 @@ fn photons_leave_the_triangles_that_shine() {
     assert!(20 * lost < count, "{lost} of {count} start where nothing shines");
     assert!((sources[0].power_w() / expected_w - 1.0).abs() < 0.1, "{} W", sources[0].power_w());
 }
+
+/// A square that looks down, with a picture of 16 × 16 texels of which two shine; a corner of each (u along x, v along z, clockwise seen from
+/// below) and its radiance.
+fn screen(is_even: bool) -> (World, [([DVec3; 4], f64); 2]) {
+    const SHINING: [(usize, f32); 2] = [(3 * 16 + 5, 10.0), (11 * 16 + 2, 2.0)];
+    let mut stage = Stage::default();
+    let radiance =
+        |texel: usize| SHINING.iter().find(|(at, _)| *at == texel).map_or(0.0, |(_, radiance)| *radiance);
+    let radiance = |texel: usize| if is_even { 1.0 + (texel % 16) as f32 / 16.0 } else { radiance(texel) };
+    let texels = (0..256).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
+    let picture = Texture { width: 16, height: 16, texels: Texels::Rgba32F(texels) };
+    let picture_id = Id::new("picture").unwrap();
+    stage.builder().add_texture(picture_id.clone(), picture).unwrap();
+    let mut material = Material::emitter(Rgb::WHITE);
+    let of = TextureRef { filter: Filter::Nearest, ..TextureRef::new(picture_id) };
+    material.textures[TextureSlot::Emission as usize] = Some(of);
+    let material = stage.material("screen", material).unwrap();
+    let corner = |u: f64, v: f64| DVec3::new(2.0 * u - 1.0, 1.0, 2.0 * v - 1.0);
+    let square = |[u, v]: [f64; 2], side: f64| {
+        [corner(u, v), corner(u + side, v), corner(u + side, v + side), corner(u, v + side)]
+    };
+    let mut mesh = quad(square([0.0, 0.0], 1.0), &material);
+    mesh.texcoords[0] = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    stage.place("screen", mesh, DAffine3::IDENTITY).unwrap();
+    let shining = SHINING.map(|(texel, radiance)| {
+        let at = [texel % 16, texel / 16].map(|at| at as f64 / 16.0);
+        (square(at, 1.0 / 16.0), f64::from(radiance))
+    });
+    (World::prepare(Arc::new(stage.finish())), shining)
+}
+
+/// A rectangle of two triangles is sampled where its picture shines, by light sampling and by photons; densities are the same for both ways
+/// to a light.
+#[test]
+fn large_triangles_are_sampled_where_their_picture_shines() {
+    let (world, shining) = screen(false);
+    assert_eq!(world.lights().emissive_triangle_count(), 2);
+    for (p, n) in
+        [(DVec3::new(-0.3, 0.0, 0.2), DVec3::Y), (DVec3::new(-0.4, 0.9, -0.6), DVec3::new(0.6, 0.8, 0.0))]
+    {
+        let at = receiver(&world, p, n);
+        let expected: f64 =
+            shining.iter().map(|(corners, radiance)| radiance * polygon_irradiance(corners, p, n)).sum();
+        let found = mean_over_samples(&world, &at, 20_000, |sample| {
+            assert_densities_agree(&world, &at, sample);
+            let Some((radiance, _)) = world.towards_light(&at, sample) else { return 0.0 };
+            f64::from(radiance.g * sample.wi.dot(at.n_geo).max(0.0) / sample.pdf)
+        });
+        assert_is(&found, expected, 1e-5, "two texels");
+        // Two of 256 texels shine: drawn evenly the mean would be uncertain by 11 %.
+        assert!(found.standard_error() < 0.01 * expected, "{} of {expected}", found.standard_error());
+    }
+    let source = &world.sources()[0];
+    let expected_w = std::f64::consts::PI * 4.0 / 256.0 * 12.0;
+    let (mut sent_w, mut lost, count) = (0.0, 0, 20_000);
+    for number in 0..count {
+        let ([a, b, c, d], [side, ..]) = (point(1, number), point(2, number));
+        let numbers = EmissionNumbers { direction: [a, b], position: [c, d], side };
+        match world.emit(source, &numbers) {
+            Some(photon) => sent_w += f64::from(photon.weight.g) * source.power_w() / f64::from(count),
+            None => lost += 1,
+        }
+    }
+    assert!((sent_w / expected_w - 1.0).abs() < 0.01, "{sent_w} W for {expected_w}");
+    assert!(10 * lost < count, "{lost} of {count} start where nothing shines");
+}
+
+/// One that shines nearly everywhere stays whole, and is sampled by evenly spread points.
+#[test]
+fn even_pictures_are_not_cut() {
+    let (world, _) = screen(true);
+    assert_eq!(world.lights().local.len(), 2);
+    assert!(screen(false).0.lights().local.len() > 128);
+}
