@@ -302,7 +302,7 @@ pub struct RemoveCamera {
 
 /// Edit `set_environment`: what is seen where no surface is; `"kind"` says which.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+#[serde(tag = "kind", rename_all = "snake_case", try_from = "SetEnvironmentFields")]
 pub enum SetEnvironment {
     /// Darkness.
     None {},
@@ -315,17 +315,87 @@ pub enum SetEnvironment {
     Image {
         /// The picture.
         image: EnvironmentImage,
-        /// Factor on its radiance.
-        #[serde(default = "one")]
+        /// Factor on its radiance; 1 where absent from JSON.
         scale: f32,
-        /// Turn about +Y, counter-clockwise seen from above.
-        #[serde(default)]
+        /// Turn about +Y, counter-clockwise seen from above; 0 where absent from JSON.
         rotation_rad: f32,
     },
 }
 
-fn one() -> f32 {
-    1.0
+/// The JSON of an environment as it is read. Apart from [`SetEnvironment`] because serde's tagged enums lose the path to
+/// the field that they refuse.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SetEnvironmentFields {
+    kind: EnvironmentKind,
+    #[serde(default)]
+    radiance: Option<[f32; 3]>,
+    #[serde(default)]
+    image: Option<EnvironmentImage>,
+    #[serde(default)]
+    scale: Option<f32>,
+    #[serde(default)]
+    rotation_rad: Option<f32>,
+}
+
+/// Which environment it is.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum EnvironmentKind {
+    None,
+    Constant,
+    Image,
+}
+
+impl EnvironmentKind {
+    /// As in JSON.
+    fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Constant => "constant",
+            Self::Image => "image",
+        }
+    }
+
+    /// The fields beside `kind` that it may have.
+    fn fields(self) -> &'static [&'static str] {
+        match self {
+            Self::None => &[],
+            Self::Constant => &["radiance"],
+            Self::Image => &["image", "scale", "rotation_rad"],
+        }
+    }
+}
+
+impl TryFrom<SetEnvironmentFields> for SetEnvironment {
+    type Error = String;
+    fn try_from(fields: SetEnvironmentFields) -> Result<Self, String> {
+        let SetEnvironmentFields { kind, radiance, image, scale, rotation_rad } = fields;
+        let given = [
+            ("radiance", radiance.is_some()),
+            ("image", image.is_some()),
+            ("scale", scale.is_some()),
+            ("rotation_rad", rotation_rad.is_some()),
+        ];
+        // A field that means nothing for this kind is refused rather than dropped: the sender meant something by it.
+        if let Some((field, _)) =
+            given.iter().find(|(field, is_given)| *is_given && !kind.fields().contains(field))
+        {
+            return Err(format!("an environment of kind {} has no `{field}`", kind.name()));
+        }
+        let missing = |field: &str| format!("an environment of kind {} needs `{field}`", kind.name());
+        Ok(match kind {
+            EnvironmentKind::None => Self::None {},
+            EnvironmentKind::Constant => {
+                Self::Constant { radiance: radiance.ok_or_else(|| missing("radiance"))? }
+            }
+            EnvironmentKind::Image => Self::Image {
+                image: image.ok_or_else(|| missing("image"))?,
+                scale: scale.unwrap_or(1.0),
+                rotation_rad: rotation_rad.unwrap_or(0.0),
+            },
+        })
+    }
 }
 
 /// An equirectangular picture of radiance.

@@ -5,8 +5,8 @@
 
 use crate::{
     Accuracy, AddLight, AddMesh, AddNode, CameraRequest, ClientHello, ClientMessage, Edit, EditBatch,
-    LoadGltf, Quality, RemoveCamera, RemoveLight, RemoveNode, ServerMessage, SetCamera, SetEnvironment,
-    SetLight, SetMaterial, SetTransform,
+    EditRequest, LoadGltf, Quality, RemoveCamera, RemoveLight, RemoveNode, ServerMessage, SetCamera,
+    SetEnvironment, SetLight, SetMaterial, SetTransform,
 };
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -27,17 +27,16 @@ pub struct ParseError {
 
 impl fmt::Display for ParseError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(index) = self.op_index {
-            write!(f, "edits[{index}]")?;
-        }
-        if let Some(op) = &self.op {
-            write!(f, " ({op})")?;
-        }
-        if let Some(field) = &self.field {
-            write!(f, " field `{field}`")?;
-        }
-        let separator = if self.op_index.is_some() || self.field.is_some() { ": " } else { "" };
-        write!(f, "{separator}{}", self.reason)
+        let place: Vec<String> = [
+            self.op_index.map(|index| format!("edits[{index}]")),
+            self.op.as_ref().map(|op| format!("({op})")),
+            self.field.as_ref().map(|field| format!("field `{field}`")),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        let separator = if place.is_empty() { "" } else { ": " };
+        write!(f, "{}{separator}{}", place.join(" "), self.reason)
     }
 }
 
@@ -128,6 +127,8 @@ fn culprit_of_message(json: &str) -> Option<ParseError> {
         "camera" => fault_of::<CameraRequest>(fields),
         "quality" => fault_of::<Quality>(fields),
         "accuracy" => fault_of::<Accuracy>(fields),
+        // Its edits are good: they were looked at before.
+        "edit" => fault_of::<EditRequest>(fields),
         _ => None,
     }?;
     Some(ParseError { op_index: None, op: None, field, reason })
@@ -167,13 +168,34 @@ fn fault_of<T: DeserializeOwned>(value: Value) -> Option<(Option<String>, String
     let error = serde_path_to_error::deserialize::<_, T>(value).err()?;
     let path = error.path().to_string();
     let reason = error.into_inner().to_string();
-    // A whole object is at fault where a field is missing or unknown, or where fields do not go together: serde and the
-    // types of this crate then put the field's name between the first backticks.
-    let field = match path.as_str() {
-        "." => reason.split('`').nth(1).map(String::from),
-        _ => Some(path),
+    // A whole object is at fault where a field is missing or where fields do not go together; the path ends at that object.
+    let field = if path == "." {
+        field_named_in(&reason)
+    } else if reason.starts_with("missing field ") {
+        field_named_in(&reason).map(|field| format!("{path}.{field}"))
+    } else {
+        Some(path)
     };
-    Some((field, reason))
+    Some((field, with_number_named(reason)))
+}
+
+/// The field that a reason blames: serde and the types of this crate put its name between the first backticks.
+fn field_named_in(reason: &str) -> Option<String> {
+    // There serde puts the value between them, as in "invalid type: floating point `1.5`".
+    let blames_a_value = reason.starts_with("invalid ") || reason.starts_with("unknown variant ");
+    reason.split('`').nth(1).filter(|_| !blames_a_value).map(String::from)
+}
+
+/// The reason, where a number is none in JSON: [`with_non_numbers_quoted`] made it a string, of which who sent it knows
+/// nothing.
+fn with_number_named(reason: String) -> String {
+    let told = reason.strip_prefix("invalid type: string \"").and_then(|rest| {
+        let (token, expected) = rest.split_once("\", expected ")?;
+        let wants_number = matches!(expected, "f32" | "f64" | "u8" | "u16" | "u32" | "u64");
+        (wants_number && is_meant_as_number(token))
+            .then(|| format!("{token} is out of range or no number of JSON, expected {expected}"))
+    });
+    told.unwrap_or(reason)
 }
 
 /// The text with every token that is no JSON number but meant as one (`NaN`, `-Infinity`, `1e999`) put between quotes,
@@ -189,8 +211,7 @@ fn with_non_numbers_quoted(text: &str) -> String {
             c => c.len_utf8(),
         };
         let (token, after) = rest.split_at(token_bytes);
-        let meant_as_number = token.parse::<f64>().is_ok_and(|number| !number.is_finite());
-        if meant_as_number {
+        if is_meant_as_number(token) {
             out.extend(["\"", token, "\""]);
         } else {
             out.push_str(token);
@@ -198,6 +219,11 @@ fn with_non_numbers_quoted(text: &str) -> String {
         rest = after;
     }
     out
+}
+
+/// Whether a token is meant as a number that JSON cannot hold.
+fn is_meant_as_number(token: &str) -> bool {
+    token.parse::<f64>().is_ok_and(|number| !number.is_finite())
 }
 
 fn is_word(c: char) -> bool {
@@ -271,7 +297,52 @@ mod tests {
             ),
             (r#"{"op":"add_light","light":"l","kind":"point"}"#, "add_light", "intensity"),
             (r#"{"op":"set_camera","camera":"c","yfov_rad":1,"half_height_m":1}"#, "set_camera", "yfov_rad"),
+            (r#"{"op":"add_light","light":"l","kind":"laser"}"#, "add_light", "kind"),
+            (
+                r#"{"op":"set_camera","camera":"c","look_at":{"position":[0,0,0]}}"#,
+                "set_camera",
+                "look_at.target",
+            ),
+            (r#"{"op":"set_environment"}"#, "set_environment", "kind"),
+            (r#"{"op":"set_environment","kind":"fog"}"#, "set_environment", "kind"),
             (r#"{"op":"set_environment","kind":"none","radiance":[1,1,1]}"#, "set_environment", "radiance"),
+            (r#"{"op":"set_environment","kind":"constant"}"#, "set_environment", "radiance"),
+            (
+                r#"{"op":"set_environment","kind":"constant","radiance":["x",0,0]}"#,
+                "set_environment",
+                "radiance[0]",
+            ),
+            (r#"{"op":"set_environment","kind":"image"}"#, "set_environment", "image"),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":1.5,"height":2,"texels":""}}"#,
+                "set_environment",
+                "image.width",
+            ),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":1e20,"height":2,"texels":""}}"#,
+                "set_environment",
+                "image.width",
+            ),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":"x","height":2,"texels":""}}"#,
+                "set_environment",
+                "image.width",
+            ),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":2,"texels":""}}"#,
+                "set_environment",
+                "image.height",
+            ),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":2,"height":1,"depth":1,"texels":""}}"#,
+                "set_environment",
+                "image.depth",
+            ),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":2,"height":2,"texels":"%%%"}}"#,
+                "set_environment",
+                "image.texels",
+            ),
             (r#"{"op":"load_gltf","data":"***"}"#, "load_gltf", "data"),
             (r#"{"op":"explode","node":"a"}"#, "explode", "op"),
         ] {
@@ -299,13 +370,54 @@ mod tests {
             (r#"{"type":"accuracy","irradiance_accuracy":"fine"}"#, "irradiance_accuracy"),
             (r#"{"type":"accuracy","irradiance_accuracy":NaN}"#, "irradiance_accuracy"),
             (r#"{"type":"accuracy","exactness":1}"#, "exactness"),
+            (r#"{"type":"edit","edits":[]}"#, "request"),
+            (r#"{"type":"edit","request":1,"edits":5}"#, "edits"),
+            (r#"{"type":"edit","request":1,"if_match":"x","edits":[]}"#, "if_match"),
         ] {
             let error = ClientMessage::from_json(message).unwrap_err();
             assert_eq!(error.field.as_deref(), Some(field), "{message}: {error}");
-            assert!(error.op_index.is_none() && error.to_string().contains(field), "{message}: {error}");
+            let told = error.to_string();
+            assert!(
+                error.op_index.is_none() && told.starts_with(&format!("field `{field}`: ")),
+                "{message}: {told}"
+            );
         }
         for message in [r#"{"type":"other"}"#, r#"{"client":"a"}"#, "[1]", r#"{"type":"#] {
             assert_eq!(ClientMessage::from_json(message).unwrap_err().field, None, "{message}");
+        }
+    }
+
+    /// Who wrote a number that JSON cannot hold reads of a number, and who wrote a string of a string.
+    #[test]
+    fn numbers_that_json_cannot_hold_are_told_as_such() {
+        let told = |value: &str| {
+            let transform = format!(r#"{{"translation":[0,{value},0]}}"#);
+            refused(&format!(r#"[{{"op":"set_transform","node":"a","transform":{transform}}}]"#)).to_string()
+        };
+        let place = "edits[0] (set_transform) field `transform.translation[1]`: ";
+        for number in ["1e999", "-1e999", "NaN", "-Infinity"] {
+            let expected = format!("{place}{number} is out of range or no number of JSON, expected f64");
+            assert_eq!(told(number), expected);
+        }
+        assert_eq!(told("\"high\""), format!("{place}invalid type: string \"high\", expected f64"));
+        let stamp = r#"{"type":"camera","stamp":NaN,"size":[4,4],"camera":"main"}"#;
+        let expected = "field `stamp`: NaN is out of range or no number of JSON, expected u64";
+        assert_eq!(ClientMessage::from_json(stamp).unwrap_err().to_string(), expected);
+    }
+
+    /// serde puts values between backticks as well as names: only names are fields.
+    #[test]
+    fn a_value_is_never_taken_for_a_field() {
+        for (reason, field) in [
+            ("missing field `width`", Some("width")),
+            ("unknown field `glow`, expected `a` or `b`", Some("glow")),
+            ("a point light needs `intensity` in W/sr", Some("intensity")),
+            ("invalid type: floating point `1.5`, expected u32", None),
+            ("invalid value: integer `-1`, expected u32", None),
+            ("unknown variant `fog`, expected `none` or `constant`", None),
+            ("no name at all", None),
+        ] {
+            assert_eq!(field_named_in(reason).as_deref(), field, "{reason}");
         }
     }
 

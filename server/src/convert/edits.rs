@@ -296,8 +296,14 @@ fn free_texture_id(scene: &Scene) -> lumicast_engine::scene::Id {
 }
 
 fn load_gltf(builder: &mut SceneBuilder, edit: &LoadGltf, limits: &AssetLimits) -> Result<(), Refusal> {
+    let parent = edit.parent.as_ref().map(id);
+    // Before the file is read: from then on every refusal is the file's.
+    let nodes = builder.scene().nodes();
+    if let Some(unknown) = parent.as_ref().filter(|parent| !nodes.contains_key(*parent)) {
+        return Err(SceneError::unknown("node", "parent", unknown.as_str(), nodes.keys()).into());
+    }
     let placement = assets::GltfPlacement {
-        parent: edit.parent.as_ref().map(id),
+        parent,
         prefix: Some(edit.prefix.clone()).filter(|prefix| !prefix.is_empty()),
     };
     assets::load_gltf_bytes(&edit.data, builder, placement, limits)

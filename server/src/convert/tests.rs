@@ -78,6 +78,30 @@ fn a_row_major_matrix_is_refused() {
     assert!(problem.detail.contains("row"), "{}", problem.detail);
 }
 
+/// A file that is to hang under a node that is not there: `parent` is at fault, not the file.
+#[test]
+fn a_file_under_an_unknown_node_blames_its_parent() {
+    // Bytes that are no glTF: the parent is looked at first.
+    let problem = after(r#"[{"op":"load_gltf","data":"AAAA","parent":"nobody"}]"#).unwrap_err();
+    assert_eq!((problem.op.as_deref(), problem.field.as_deref()), (Some("load_gltf"), Some("parent")));
+    assert!(problem.detail.contains("there is no node \"nobody\""), "{}", problem.detail);
+    let problem = after(r#"[{"op":"load_gltf","data":"AAAA","parent":"lamp"}]"#).unwrap_err();
+    assert_eq!(problem.field.as_deref(), Some("data"));
+}
+
+/// Axes too long have no inverse that is of use, as those of no length have none.
+#[test]
+fn a_scale_beyond_reason_is_told_its_bounds() {
+    for scale in ["1e30", "1e-30", "0"] {
+        let edit = format!(
+            r#"[{{"op":"set_transform","node":"lamp","transform":{{"scale":[{scale},{scale},{scale}]}}}}]"#
+        );
+        let problem = after(&edit).unwrap_err();
+        assert_eq!(problem.field.as_deref(), Some("transform"));
+        assert!(problem.detail.contains("axes from 1e-12 to 1e12 long"), "{}", problem.detail);
+    }
+}
+
 /// A pose far out, without axes or squashed flat is a problem, never a picture of nothing.
 #[test]
 fn a_bad_pose_is_refused() {

@@ -167,7 +167,18 @@ async fn a_refused_batch_names_op_and_field_and_changes_nothing() {
             "set_environment",
             "image.texels",
         ),
+        (
+            r#"{"op":"set_environment","kind":"image","image":{"width":1.5,"height":2,"texels":""}}"#,
+            "set_environment",
+            "image.width",
+        ),
+        (
+            r#"{"op":"set_environment","kind":"image","image":{"width":2,"height":2,"texels":"%%%"}}"#,
+            "set_environment",
+            "image.texels",
+        ),
         (r#"{"op":"load_gltf","data":"AAAA"}"#, "load_gltf", "data"),
+        (r#"{"op":"load_gltf","data":"AAAA","parent":"nobody"}"#, "load_gltf", "parent"),
         (r#"{"op":"explode"}"#, "explode", "op"),
     ];
     for (edit, op, field) in cases {

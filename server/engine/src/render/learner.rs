@@ -569,7 +569,7 @@ pub(super) fn tracer_of_records(
     settings: &RenderSettings,
     base: Option<Arc<dyn SecondaryLight>>,
 ) -> (PathTracer, Option<Arc<dyn SecondaryLight>>) {
-    let bounces_max = settings.bounces_max.map(|bounces| bounces - 1);
+    let bounces_max = settings.bounces_max.map(|bounces| bounces.saturating_sub(1));
     let path = PathSettings { knows_openings: true, ..PathSettings::all(bounces_max, settings.seed) };
     let tracer = match base.clone().filter(|_| bounces_max.is_none()) {
         Some(base) => PathTracer::with_secondary(path, base),

@@ -139,11 +139,12 @@ impl RenderSettings {
             + if maps > 0 { light } else { 0 }
     }
 
-    /// Light that comes by way of other surfaces is looked up, with an error that is more than noise.
+    /// Light that comes by way of other surfaces is looked up, with an error that is more than noise. None comes by a single scattering.
     pub(super) fn looks_up(&self) -> bool {
         match self.indirect {
-            Indirect::Octree | Indirect::Irradiance => true,
-            Indirect::Auto => self.bounces_max.is_none_or(|bounces| bounces > 1),
+            Indirect::Octree | Indirect::Irradiance | Indirect::Auto => {
+                self.bounces_max.is_none_or(|bounces| bounces > 1)
+            }
             Indirect::Path | Indirect::None => false,
         }
     }
@@ -151,7 +152,7 @@ impl RenderSettings {
     /// Light that is to be looked up is path-traced as long as nothing is known of it. Who watches, and what is to be the best there is, is not
     /// to be without it; single pictures begin with direct light, whose samples all count to the end.
     pub(super) fn traces_unknown(&self) -> bool {
-        self.looks_further() && (self.indirect == Indirect::Auto || self.is_watched())
+        self.looks_up() && (self.indirect == Indirect::Auto || self.is_watched())
     }
 
     /// Somebody looks on while it is drawn.
@@ -172,20 +173,15 @@ impl RenderSettings {
         self.takes_noise_off() && plan.facts.diffuse > 0 && shows_others
     }
 
-    /// It also looks at light that comes by way of mirrors and glass.
-    pub(super) fn looks_further(&self) -> bool {
-        self.looks_up() && self.bounces_max.is_none_or(|bounces| bounces > 1)
-    }
-
     /// Photons of its own bring caustics.
     pub(super) fn focuses(&self, plan: &EffectPlan) -> bool {
-        self.looks_further() && self.effects.caustics.runs(plan.is_on(EffectKind::Caustics))
+        self.looks_up() && self.effects.caustics.runs(plan.is_on(EffectKind::Caustics))
     }
 
     /// Photons bring what path tracing cannot find; also where caustics are turned off: what surfaces send on of them is indirect
     /// light.
     pub(super) fn brings_hidden(&self, plan: &EffectPlan) -> bool {
-        self.looks_further() && plan.is_on(EffectKind::Caustics) && plan.facts.hides_light()
+        self.looks_up() && plan.is_on(EffectKind::Caustics) && plan.facts.hides_light()
     }
 
     /// Caustics for first pictures, whatever camera they are of; `None` where pictures have none of their own. Takes some

@@ -47,7 +47,14 @@ pub(super) fn check_transform(kind: &'static str, id: &Id, transform: &DAffine3)
     if is_invertible(transform) {
         return Ok(());
     }
-    Err(bad(kind, id, "transform", value(), "invertible (no axis of zero length, no two axes alike)"))
+    // The bounds of `is_invertible`.
+    Err(bad(
+        kind,
+        id,
+        "transform",
+        value(),
+        "invertible (axes from 1e-12 to 1e12 long, no two of them alike)",
+    ))
 }
 
 /// True when the builder takes `transform` for a node: its inverse exists and single precision holds it.

@@ -257,7 +257,9 @@ fn one_bounce_needs_no_chain() {
         assert_eq!((rendering.technique_name(&rendering.picture()), rendering.passes()), ("path", 4));
         rendering.picture().radiance()
     };
-    assert_eq!(picture(Indirect::Auto), picture(Indirect::Path));
+    for indirect in [Indirect::Auto, Indirect::Octree, Indirect::Irradiance] {
+        assert_eq!(picture(indirect), picture(Indirect::Path), "{indirect:?}");
+    }
 }
 
 /// A sketch of the caustics shows in the first pass, and nothing of it is left after the next.
@@ -326,6 +328,14 @@ fn who_watches_sees_light_that_is_not_known_yet() {
         for (learning, bounces_max) in [(soon, None), (Learning::InStep, None), (watching, Some(1))] {
             let straight = radiance(indirect, learning, bounces_max);
             assert!((straight / 0.375 - 1.0).abs() < 0.01, "{indirect:?}, {learning:?}: {straight}");
+        }
+        let emitted = radiance(indirect, watching, Some(0));
+        assert!((emitted / 0.25 - 1.0).abs() < 0.01, "{indirect:?}: {emitted}");
+        // What no picture shows is not learnt.
+        for (bounces, learns) in [(0, false), (1, false), (2, true)] {
+            let settings =
+                RenderSettings { indirect, bounces_max: Some(bounces), ..RenderSettings::default() };
+            assert_eq!(settings.learns(&plan).is_some(), learns, "{indirect:?}, {bounces}");
         }
     }
 }
