@@ -169,9 +169,9 @@ impl PreparedMaterial {
         (sum / (columns * rows) as f32).max(1e-3)
     }
 
-    /// A picture says where it emits how much.
+    /// It emits, and a picture says where how much.
     pub(in crate::transport) fn emits_a_picture(&self) -> bool {
-        self.texture(TextureSlot::Emission).is_some()
+        self.material.is_emissive() && self.texture(TextureSlot::Emission).is_some()
     }
 
     /// Luminance of the picture of emission at one point, over the mean of all of it, about.

@@ -93,6 +93,11 @@ impl World {
             .iter()
             .flatten()
             .any(|material| materials[*material as usize].material().transmission > 0.0);
+        let places = primitive_materials
+            .iter()
+            .flatten()
+            .filter(|material| materials[**material as usize].emits_a_picture())
+            .count();
         // Of a mesh that stands in many places once.
         let mut known_shares = HashMap::new();
         let emission_of = |instance: usize, primitive: usize| {
@@ -104,7 +109,7 @@ impl World {
                 let mesh = instance.mesh();
                 let shares = known_shares
                     .entry((std::ptr::from_ref(mesh), primitive, number))
-                    .or_insert_with(|| Shares::of(material, instance, &mesh.primitives()[primitive]))
+                    .or_insert_with(|| Shares::of(material, instance, &mesh.primitives()[primitive], places))
                     .clone();
                 Emission { luminance, shares, two_sided: material.material().double_sided }
             })

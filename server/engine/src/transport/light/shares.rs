@@ -20,8 +20,9 @@ const POINTS_MAX: u32 = 1 << 9;
 /// shines between the points is not left to chance.
 const LEAST: f32 = 0.05;
 
-/// Parts of a primitive at most, as far as it is cut at all; a tree of so many lights is built in a millisecond.
+/// Parts of a primitive at most, as far as it is cut at all, and of all that are; a tree of so many lights is built in some milliseconds.
 const PARTS_MAX: u32 = 1 << 12;
+const PARTS_OF_ALL_MAX: u32 = 1 << 16;
 const LEVEL_MAX: u32 = 5;
 /// Triangles are cut into as few parts as leave the light within parts so much less even than within the smallest, by its second moment.
 const UNEVEN_LEFT: f64 = 1.25;
@@ -101,17 +102,21 @@ pub(in crate::transport) struct Shares {
 impl Shares {
     /// By the picture of what a primitive emits, `None` where there is none. They steer sampling only: where none of some points shines,
     /// another may.
+    ///
+    /// - `places`: primitives of instances with such a picture in the scene, this one included
     pub(in crate::transport) fn of(
         material: &PreparedMaterial,
         instance: &Instance,
         primitive: &Primitive,
+        places: usize,
     ) -> Option<Shares> {
         if !material.emits_a_picture() {
             return None;
         }
+        let parts_max = (u64::from(PARTS_OF_ALL_MAX) / places.max(1) as u64).min(PARTS_MAX.into());
         let level = (0..=LEVEL_MAX)
             .rev()
-            .find(|level| u64::from(primitive.triangle_count) << (2 * level) <= u64::from(PARTS_MAX));
+            .find(|level| u64::from(primitive.triangle_count) << (2 * level) <= parts_max);
         let finest = Cut { level: level.unwrap_or(0) };
         let parts: Vec<Part> = finest.parts().collect();
         let count = primitive.triangle_count.max(1).saturating_mul(finest.count());

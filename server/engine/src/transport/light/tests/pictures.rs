@@ -84,7 +84,9 @@ fn photons_leave_the_triangles_that_shine() {
 
 /// A square that looks down, with a picture of 16 × 16 texels of which two shine; a corner of each (u along x, v along z, clockwise seen from
 /// below) and its radiance.
-fn screen(is_even: bool) -> (World, [([DVec3; 4], f64); 2]) {
+///
+/// - `copies`: other places where it stands, far off
+fn screen(is_even: bool, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
     const SHINING: [(usize, f32); 2] = [(3 * 16 + 5, 10.0), (11 * 16 + 2, 2.0)];
     let mut stage = Stage::default();
     let radiance =
@@ -104,6 +106,10 @@ fn screen(is_even: bool) -> (World, [([DVec3; 4], f64); 2]) {
     };
     let mut mesh = quad(square([0.0, 0.0], 1.0), &material);
     mesh.texcoords[0] = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+    for number in 0..copies {
+        let far = DAffine3::from_translation(DVec3::new(0.0, -100.0 - f64::from(number), 0.0));
+        stage.place(&format!("copy {number}"), mesh.clone(), far).unwrap();
+    }
     stage.place("screen", mesh, DAffine3::IDENTITY).unwrap();
     let shining = SHINING.map(|(texel, radiance)| {
         let at = [texel % 16, texel / 16].map(|at| at as f64 / 16.0);
@@ -116,7 +122,7 @@ fn screen(is_even: bool) -> (World, [([DVec3; 4], f64); 2]) {
 /// to a light.
 #[test]
 fn large_triangles_are_sampled_where_their_picture_shines() {
-    let (world, shining) = screen(false);
+    let (world, shining) = screen(false, 0);
     assert_eq!(world.lights().emissive_triangle_count(), 2);
     for (p, n) in
         [(DVec3::new(-0.3, 0.0, 0.2), DVec3::Y), (DVec3::new(-0.4, 0.9, -0.6), DVec3::new(0.6, 0.8, 0.0))]
@@ -148,10 +154,14 @@ fn large_triangles_are_sampled_where_their_picture_shines() {
     assert!(10 * lost < count, "{lost} of {count} start where nothing shines");
 }
 
-/// One that shines nearly everywhere stays whole, and is sampled by evenly spread points.
+/// One that shines nearly everywhere stays whole, and many together are cut into no more than are few beside what else a scene holds.
 #[test]
-fn even_pictures_are_not_cut() {
-    let (world, _) = screen(true);
-    assert_eq!(world.lights().local.len(), 2);
-    assert!(screen(false).0.lights().local.len() > 128);
+fn pictures_are_cut_as_far_as_is_worth_it() {
+    let parts = |is_even, copies| screen(is_even, copies).0.lights().local.len();
+    assert_eq!(parts(true, 0), 2);
+    let one = parts(false, 0);
+    assert!((128..=4096).contains(&one), "{one}");
+    assert_eq!(parts(false, 7), 8 * one);
+    assert!(parts(false, 299) <= 1 << 16);
+    assert_eq!(parts(false, 40_000), 2 * 40_001);
 }
