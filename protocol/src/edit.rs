@@ -328,14 +328,19 @@ pub enum SetEnvironment {
 #[serde(deny_unknown_fields)]
 struct SetEnvironmentFields {
     kind: EnvironmentKind,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "present")]
     radiance: Option<[f32; 3]>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "present")]
     image: Option<EnvironmentImage>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "present")]
     scale: Option<f32>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "present")]
     rotation_rad: Option<f32>,
+}
+
+/// A field that is there is there: `null`, as JavaScript writes NaN, is refused and not taken for absent.
+fn present<'de, T: Deserialize<'de>, D: serde::Deserializer<'de>>(of: D) -> Result<Option<T>, D::Error> {
+    T::deserialize(of).map(Some)
 }
 
 /// Which environment it is.

@@ -313,6 +313,12 @@ mod tests {
                 "radiance[0]",
             ),
             (r#"{"op":"set_environment","kind":"image"}"#, "set_environment", "image"),
+            (r#"{"op":"set_environment","kind":"none","radiance":null}"#, "set_environment", "radiance"),
+            (
+                r#"{"op":"set_environment","kind":"image","image":{"width":1,"height":1,"texels":""},"scale":null}"#,
+                "set_environment",
+                "scale",
+            ),
             (
                 r#"{"op":"set_environment","kind":"image","image":{"width":1.5,"height":2,"texels":""}}"#,
                 "set_environment",
@@ -387,7 +393,7 @@ mod tests {
         }
     }
 
-    /// Who wrote a number that JSON cannot hold reads of a number, and who wrote a string of a string.
+    /// Who wrote a number that JSON cannot hold reads of a number, and who wrote a word of a string.
     #[test]
     fn numbers_that_json_cannot_hold_are_told_as_such() {
         let told = |value: &str| {

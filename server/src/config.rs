@@ -147,7 +147,7 @@ settings! {
     scene_triangles: u64 = Limits::default().scene_triangles;
     /// Texels in a scene's textures and environment.
     scene_texels: u64 = Limits::default().scene_texels;
-    /// Triangles of a scene that emit light, each instance counted: each becomes a light.
+    /// Triangles of a scene that emit light, each instance counted: each becomes a light, and those with an uneven picture together up to 65,536 more.
     scene_emissive_triangles: u64 = SceneLimits::default().emissive_triangles_max;
     /// Nodes in a scene.
     scene_nodes: u64 = Limits::default().scene_nodes;

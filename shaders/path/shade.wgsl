@@ -264,7 +264,8 @@ fn add_light_sample(
     }
     let wo = frame_to_local(surface.frame, -path.direction);
     let value = eval_bsdf(surface.bsdf, wo, frame_to_local(surface.frame, light.wi));
-    if is_black(value.diffuse.f_cos) && is_black(value.glossy.f_cos) {
+    let is_dark = is_black(value.diffuse.f_cos) && is_black(value.glossy.f_cos);
+    if is_dark || !may_scatter(surface, -path.direction, light.wi) {
         return;
     }
     var radiance = light.radiance;
@@ -383,6 +384,9 @@ fn scatter(
         return false;
     }
     let wi = frame_to_world(surface.frame, drawn.wi);
+    if !may_scatter(surface, wo, wi) {
+        return false;
+    }
     (*path).throughput *= drawn.weight;
     (*path).eta_squared *= drawn.eta_squared;
     (*path).class_so_far = class_now;

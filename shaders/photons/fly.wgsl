@@ -50,18 +50,19 @@ fn draw(path: Path, surface: ptr<function, Surface>, u: vec3f) -> BsdfSample {
     }
     let n_geo = (*surface).point.n_geo;
     let normals = (*surface).normals;
-    let is_hidden = !face_alike(normals, wo);
     if drawn.is_specular {
-        if is_hidden && bsdf.kind != GLASS {
+        // `Surface::reflects_photons_of`.
+        let reflects = bsdf.kind == GLASS || face_alike(normals, wo);
+        if !reflects || !may_scatter(*surface, wo, frame_to_world((*surface).frame, drawn.wi)) {
             return absorbed();
         }
         return drawn;
     }
-    if !is_hidden && abs(dot(normals.n_mapped, n_geo)) >= STRAIGHT_COS {
+    if face_alike(normals, wo) && abs(dot(normals.n_mapped, n_geo)) >= STRAIGHT_COS {
         return drawn;
     }
     var wi = frame_to_world(frame_around(n_geo), cosine_hemisphere(u.yz));
-    if dot(wi, normals.n_smooth) * dot(wo, normals.n_smooth) < 0.0 {
+    if dot(wi, normals.n_side) * dot(wo, normals.n_side) < 0.0 {
         wi = -wi;
     }
     let chance = drawn.pdf_solid_angle / cosine_hemisphere_pdf(abs(drawn.wi.z));

@@ -114,7 +114,7 @@ pub static PROOF_CONSTANTS: &[(&str, Constant)] = &[
     ("BOUNCES_END", Constant::U32(4096)),
     ("ROULETTE_FREE_BOUNCES", Constant::U32(2)),
     ("SURVIVAL_MAX", Constant::F32(0.998)),
-    ("TO_POINT", Constant::F32(0.999_97)),
+    ("TO_POINT", Constant::F32(0.999_88)),
     ("LIKE_COS", Constant::F32(0.3)),
     ("PHOTON_SURVIVAL_MAX", Constant::F32(0.99)),
     ("STRAIGHT_COS", Constant::F32(0.999_99)),

@@ -1,8 +1,8 @@
 // A point of a surface as a path meets it: `transport/surface.rs`.
 
-/// Interpolated, and bent by the normal map: `Normals`.
+/// The normal that says which side is seen, and the one bent by the normal map: `Normals`.
 struct Normals {
-    n_smooth: vec3f,
+    n_side: vec3f,
     n_mapped: vec3f,
 }
 
@@ -68,7 +68,7 @@ fn bsdf_of(material: u32, base: vec3f, at: Interpolated) -> Bsdf {
 
 /// `Normals::face_alike`.
 fn face_alike(normals: Normals, wo: vec3f) -> bool {
-    return dot(wo, normals.n_mapped) * dot(wo, normals.n_smooth) >= 0.0;
+    return dot(wo, normals.n_mapped) * dot(wo, normals.n_side) >= 0.0;
 }
 
 /// `Normals::seen_from`.
@@ -77,6 +77,11 @@ fn seen_from(normals: Normals, wo: vec3f) -> vec3f {
         return normals.n_mapped;
     }
     return normals.n_mapped - wo * (2.0 * dot(wo, normals.n_mapped));
+}
+
+/// `Surface::may_scatter`.
+fn may_scatter(surface: Surface, wo: vec3f, wi: vec3f) -> bool {
+    return surface.bsdf.kind == GLASS || dot(wo, surface.normals.n_side) * dot(wi, surface.normals.n_side) > 0.0;
 }
 
 /// The interpolated normal; the triangle's own where the mesh has none.
@@ -94,10 +99,18 @@ fn smooth_normal(instance: u32, corners: vec3u, weights: vec3f, n_geo: vec3f) ->
     return normalize_or(normal_to_render(instance, a * weights.x + b * weights.y + c * weights.z), n_geo);
 }
 
-/// The interpolated normal `n`, bent by the normal map.
-fn mapped_normal(instance: u32, corners: vec3u, weights: vec3f, material: u32, at: Interpolated, n: vec3f) -> vec3f {
+/// `PreparedMaterial::normals`; `n` is the interpolated one.
+fn bent_normals(
+    instance: u32,
+    corners: vec3u,
+    weights: vec3f,
+    material: u32,
+    at: Interpolated,
+    n: vec3f,
+    n_geo: vec3f,
+) -> Normals {
     if !HAS_TEXTURES || (materials[material].textures[NORMAL].flags & TEXTURE_IS_THERE) == 0u {
-        return n;
+        return Normals(n, n);
     }
     let texel = sampled(material, NORMAL, at, vec4f(0.5, 0.5, 1.0, 1.0));
     let scale = materials[material].normal_scale;
@@ -114,7 +127,7 @@ fn mapped_normal(instance: u32, corners: vec3u, weights: vec3f, material: u32, a
         let is_second_set = (materials[material].textures[NORMAL].flags & TEXTURE_SECOND_SET) != 0u;
         let texcoords_at = select(placements[instance].texcoords_0_at, placements[instance].texcoords_1_at, is_second_set);
         if texcoords_at == ABSENT {
-            return n;
+            return Normals(n, n);
         }
         let positions_at = placements[instance].positions_at;
         let p0 = geometry_vec3(positions_at, corners.x);
@@ -125,7 +138,7 @@ fn mapped_normal(instance: u32, corners: vec3u, weights: vec3f, material: u32, a
         let d2 = geometry_vec2(texcoords_at, corners.z) - t0;
         let determinant = d1.x * d2.y - d1.y * d2.x;
         if determinant == 0.0 {
-            return n;
+            return Normals(n, n);
         }
         // glTF's v runs down the picture, a normal map's green up: hence the sign of the bitangent.
         tangent = (e1 * d2.y - e2 * d1.y) * copysign(1.0, determinant);
@@ -134,11 +147,16 @@ fn mapped_normal(instance: u32, corners: vec3u, weights: vec3f, material: u32, a
     let turned = to_render(instance, tangent);
     let t = normalize_or(turned - n * dot(n, turned), vec3f(0.0));
     if is_black(t) {
-        return n;
+        return Normals(n, n);
     }
     let mirrored = select(1.0, -1.0, (placements[instance].flags & MIRRORED) != 0u);
     let b = cross(n, t) * handedness * mirrored;
-    return normalize_or(t * bend.x + b * bend.y + n * bend.z, n);
+    let bent = t * bend.x + b * bend.y + n * bend.z;
+    let mapped = normalize_or(bent, vec3f(0.0));
+    if is_black(mapped) {
+        return Normals(n, n);
+    }
+    return Normals(select(n_geo, -n_geo, dot(n, n_geo) < 0.0), mapped);
 }
 
 /// The surface at a hit, met along the unit direction `direction`.
@@ -154,7 +172,7 @@ fn surface_at(instance: u32, triangle: u32, b1: f32, b2: f32, direction: vec3f) 
     let texel = sampled(material, BASE_COLOR, at, vec4f(1.0)) * at.color;
     let base = materials[material].base_color * texel.xyz;
     let n_smooth = smooth_normal(instance, corners, weights, surface.point.n_geo);
-    var normals = Normals(n_smooth, mapped_normal(instance, corners, weights, material, at, n_smooth));
+    var normals = bent_normals(instance, corners, weights, material, at, n_smooth, surface.point.n_geo);
     surface.unlit = vec3f(0.0);
     surface.inside = 0u;
     if (materials[material].flags & UNLIT) != 0u {
@@ -167,8 +185,8 @@ fn surface_at(instance: u32, triangle: u32, b1: f32, b2: f32, direction: vec3f) 
     }
     surface.bsdf = bsdf_of(material, base, at);
     let is_glass = surface.bsdf.kind == GLASS;
-    if !is_glass && dot(wo, n_smooth) < 0.0 {
-        normals = Normals(-normals.n_smooth, -normals.n_mapped);
+    if !is_glass && dot(wo, normals.n_side) < 0.0 {
+        normals = Normals(-normals.n_side, -normals.n_mapped);
     }
     if is_glass && materials[material].attenuation_distance_m > 0.0 {
         surface.inside = material + 1u;

@@ -7,7 +7,8 @@ pub struct SceneLimits {
     pub vertices_max: u64,
     /// Triangles over all meshes, each counted once. Default 20 million.
     pub triangles_max: u64,
-    /// Triangles over all instances that emit light. Default 2 million: each becomes a light.
+    /// Triangles over all instances that emit light. Default 2 million: each becomes a light, and those with an uneven
+    /// picture together up to 65,536 more.
     pub emissive_triangles_max: u64,
     /// Texels over all textures. Default 268 million (1 GiB of RGBA8): four 8192² images.
     pub texels_max: u64,

@@ -57,17 +57,17 @@ impl Flight {
         let wo = -self.ray.direction;
         let drawn = surface.bsdf.sample(surface.frame.to_local(wo), u)?;
         let (n_geo, normals) = (surface.point.n_geo, surface.normals);
-        // A slope that faces away gets no light, but glass lets all of it through somewhere.
-        let is_hidden = !normals.face_alike(wo);
         if drawn.scatter != Scatter::Diffuse {
-            return (!is_hidden || matches!(surface.bsdf, Bsdf::Glass(_))).then_some(drawn);
+            let wi = surface.frame.to_world(drawn.wi);
+            let goes_on = surface.reflects_photons_of(wo) && surface.may_scatter(wo, wi);
+            return goes_on.then_some(drawn);
         }
-        if !is_hidden && normals.mapped.dot(n_geo).abs() >= STRAIGHT_COS {
+        if normals.face_alike(wo) && normals.mapped.dot(n_geo).abs() >= STRAIGHT_COS {
             return Some(drawn);
         }
         // Of a direction and its opposite one is on the side to which the lobe scatters.
         let wi = Frame::around(n_geo).to_world(warp::cosine_hemisphere([u[1], u[2]]));
-        let wi = if wi.dot(normals.smooth) * wo.dot(normals.smooth) < 0.0 { -wi } else { wi };
+        let wi = if wi.dot(normals.side) * wo.dot(normals.side) < 0.0 { -wi } else { wi };
         let chance = drawn.pdf_solid_angle? / warp::cosine_hemisphere_pdf(drawn.wi.z.abs());
         surface.frame = Frame::around(normals.seen_from(wi));
         let [wo, local] = [wo, wi].map(|w| surface.frame.to_local(w));
@@ -129,7 +129,7 @@ mod tests {
     /// A floor met from above, its normal interpolated or mapped to one that leans by 60°.
     ///
     /// - `toward`: where the photon comes from
-    fn bent(bsdf: Bsdf, smooth: Vec3, toward: Vec3) -> (Flight, Surface) {
+    fn bent(bsdf: Bsdf, side: Vec3, toward: Vec3) -> (Flight, Surface) {
         let mut stage = Stage::default();
         let white = stage.material("white", Material::lambert(Rgb::WHITE)).unwrap();
         let v = DVec3::new;
@@ -139,7 +139,7 @@ mod tests {
         let ray = Ray::new(toward + Vec3::new(0.0, 0.0, 0.1), -toward.normalize());
         let mut flight = Flight::begin(ray, Rgb::WHITE);
         let surface = flight.arrive(&world, &world.closest_hit(&ray).unwrap());
-        let normals = Normals { smooth, mapped: LEANING };
+        let normals = Normals { side, mapped: LEANING };
         let frame = Frame::around(normals.seen_from(-ray.direction));
         (flight, Surface { frame, normals, bsdf, ..surface })
     }
@@ -156,7 +156,7 @@ mod tests {
     fn flux_from_bent_normals_goes_where_the_bsdf_says() {
         let rough = Bsdf::Gltf(Gltf::new(Rgb::splat(0.6), 0.0, 0.7, 1.5, 1.0, Rgb::WHITE));
         let matt = Bsdf::Lambert { albedo: Rgb::splat(0.7) };
-        for (bsdf, smooth, toward) in [
+        for (bsdf, side, toward) in [
             (matt, LEANING, FROM_FRONT),
             (rough, LEANING, FROM_FRONT),
             (matt, Vec3::Y, FROM_FRONT),
@@ -166,7 +166,7 @@ mod tests {
             (matt, Vec3::Y, FROM_BEHIND),
             (rough, Vec3::Y, FROM_BEHIND),
         ] {
-            let (flight, surface) = bent(bsdf, smooth, toward);
+            let (flight, surface) = bent(bsdf, side, toward);
             let n_geo = surface.point.n_geo;
             let wo = -flight.ray.direction;
             let parts =
@@ -187,7 +187,7 @@ mod tests {
                 }
                 // The same by even directions, from each of which someone looks.
                 let eye = warp::sphere([u, v]);
-                if eye.dot(smooth) < 0.0 {
+                if eye.dot(side) < 0.0 {
                     continue;
                 }
                 let frame = Frame::around(surface.normals.seen_from(eye));
@@ -201,11 +201,11 @@ mod tests {
                 let off = (drawn - expected).abs();
                 assert!(
                     off < 0.01 * expected + 1e-4,
-                    "{bsdf:?} {smooth} from {toward}: {drawn} for {expected}"
+                    "{bsdf:?} {side} from {toward}: {drawn} for {expected}"
                 );
             }
             let [least, most] = weights;
-            let is_even = matches!(bsdf, Bsdf::Lambert { .. }) && smooth == LEANING;
+            let is_even = matches!(bsdf, Bsdf::Lambert { .. }) && side == LEANING;
             assert!(most < 1.001 * least || !is_even, "{least} … {most}");
         }
     }

@@ -45,9 +45,9 @@ pub struct Surface {
 /// Normals of a surface at one point, unit.
 #[derive(Clone, Copy, Debug)]
 pub struct Normals {
-    /// Interpolated between the corners; says which side is seen.
-    pub smooth: Vec3,
-    /// The same bent by the normal map, which may bend it away from who looks along the surface.
+    /// Says which side is seen: interpolated between the corners; the triangle's own, on the side of that, where a normal map bends it.
+    pub side: Vec3,
+    /// Interpolated and bent by the normal map, which may bend it away from who looks along the surface.
     pub mapped: Vec3,
 }
 
@@ -56,18 +56,31 @@ impl Normals {
     /// there counts as the slope that is as steep and faces `wo`, mirrored in the plane across `wo`, so that nothing jumps where
     /// a slope turns away.
     pub fn seen_from(&self, wo: Vec3) -> Vec3 {
-        let cos = wo.dot(self.mapped);
-        if self.face_alike(wo) { self.mapped } else { self.mapped - wo * (2.0 * cos) }
+        if self.face_alike(wo) { self.mapped } else { self.mapped - wo * (2.0 * wo.dot(self.mapped)) }
     }
 
-    /// `wo` is on the same side of both.
-    pub(in crate::transport) fn face_alike(&self, wo: Vec3) -> bool {
-        wo.dot(self.mapped) * wo.dot(self.smooth) >= 0.0
+    /// `wo` is on the same side of both: the slope is not hidden from there.
+    pub fn face_alike(&self, wo: Vec3) -> bool {
+        wo.dot(self.mapped) * wo.dot(self.side) >= 0.0
     }
 
     /// Those of the other side.
     fn turned(self) -> Normals {
-        Normals { smooth: -self.smooth, mapped: -self.mapped }
+        Normals { side: -self.side, mapped: -self.mapped }
+    }
+}
+
+impl Surface {
+    /// Light that comes from `wi` may go to `wo` (both away from the surface): what reflects does not send light on that comes from behind it,
+    /// though a bent normal faces both.
+    pub fn may_scatter(&self, wo: Vec3, wi: Vec3) -> bool {
+        matches!(self.bsdf, Bsdf::Glass(_)) || wo.dot(self.normals.side) * wi.dot(self.normals.side) > 0.0
+    }
+
+    /// Lobes that are not diffuse send on photons that come from `wo`. No slope that is hidden from there reflects them, but glass lets
+    /// all of them through somewhere.
+    pub fn reflects_photons_of(&self, wo: Vec3) -> bool {
+        matches!(self.bsdf, Bsdf::Glass(_)) || self.normals.face_alike(wo)
     }
 }
 
@@ -242,7 +255,7 @@ impl PreparedMaterial {
         let bsdf = self.bsdf(base, &at);
         let is_glass = matches!(bsdf, Bsdf::Glass(_));
         // Reflection is two-sided: the frame turns to the viewer. For glass the sides differ and the frame stays.
-        let normals = if !is_glass && wo.dot(normals.smooth) < 0.0 { normals.turned() } else { normals };
+        let normals = if !is_glass && wo.dot(normals.side) < 0.0 { normals.turned() } else { normals };
         let inside = self.absorption().filter(|_| is_glass);
         let frame = Frame::around(normals.seen_from(wo));
         Surface { point, frame, normals, bsdf, emitted, unlit: Rgb::BLACK, inside }
@@ -286,7 +299,7 @@ impl PreparedMaterial {
         Bsdf::Gltf(Gltf::new(base, metallic, roughness, material.ior, specular, specular_color))
     }
 
-    /// The interpolated normal, the triangle's own where the mesh has none, and what the normal map makes of it.
+    /// The interpolated normal, the triangle's own where the mesh has none, bent by the normal map.
     fn normals(&self, instance: &Instance, hit: &Hit, at: &Interpolated, n_geo: Vec3) -> Normals {
         let mesh = instance.mesh();
         let triangle = mesh.triangles()[hit.triangle as usize];
@@ -302,8 +315,10 @@ impl PreparedMaterial {
             }
         }
         let texel = self.sampled(TextureSlot::Normal, at);
-        let mapped = texel.and_then(|texel| self.bent(instance, triangle, weights, n, texel)).unwrap_or(n);
-        Normals { smooth: n, mapped }
+        match texel.and_then(|texel| self.bent(instance, triangle, weights, n, texel)) {
+            Some(mapped) => Normals { side: if n.dot(n_geo) < 0.0 { -n_geo } else { n_geo }, mapped },
+            None => Normals { side: n, mapped: n },
+        }
     }
 
     fn bent(
@@ -391,7 +406,7 @@ mod tests {
     /// A slope of 60° towards +x on a floor, and what is seen of it from all around.
     #[test]
     fn slopes_that_face_away_are_seen_as_slopes_that_do_not() {
-        let normals = Normals { smooth: Vec3::Y, mapped: Vec3::new(0.75f32.sqrt(), 0.5, 0.0) };
+        let normals = Normals { side: Vec3::Y, mapped: Vec3::new(0.75f32.sqrt(), 0.5, 0.0) };
         let mut before: Option<Vec3> = None;
         let mut hidden = 0;
         for step in 1..1800 {

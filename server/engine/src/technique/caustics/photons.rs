@@ -198,7 +198,10 @@ impl CausticTracer<'_> {
             }
             let [lobe, u, v, survival] = four(2 + bounce);
             let wo_local = surface.frame.to_local(towards_light);
-            let drawn = surface.bsdf.sample_specular(wo_local, [lobe, u, v]);
+            let drawn = surface.bsdf.sample_specular(wo_local, [lobe, u, v]).filter(|drawn| {
+                surface.reflects_photons_of(towards_light)
+                    && surface.may_scatter(towards_light, surface.frame.to_world(drawn.wi))
+            });
             passed = passed.zip(drawn).and_then(|(passed, drawn)| passed.after(wo_local, &drawn));
             // From a lobe with a width light that comes straight or through panes is sampled.
             let is_sampled = bounce == 0 || came == Came::ByPanes;

@@ -393,6 +393,9 @@ impl Tracer<'_> {
             return false;
         };
         let wi = surface.frame.to_world(drawn.wi);
+        if !surface.may_scatter(wo, wi) {
+            return false;
+        }
         let class = path.class.after(drawn.scatter);
         let is_wanted = match followed {
             Followed::Wanted => {

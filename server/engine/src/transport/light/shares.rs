@@ -119,69 +119,91 @@ impl Shares {
             .find(|level| u64::from(primitive.triangle_count) << (2 * level) <= parts_max);
         let finest = Cut { level: level.unwrap_or(0) };
         let parts: Vec<Part> = finest.parts().collect();
-        let count = primitive.triangle_count.max(1).saturating_mul(finest.count());
-        let points = (POINTS / count).clamp(POINTS_MIN, POINTS_MAX);
+        let count = primitive.triangle_count.saturating_mul(finest.count());
+        let points = POINTS / u32::try_from(places).unwrap_or(u32::MAX).max(1) / count.max(1);
         let point = |number: u32| {
             let [u, v, ..] = sobol::point(0, number);
             warp::triangle([u, v])
         };
-        let points: Vec<[f32; 2]> = (0..points).map(point).collect();
-        let share = |triangle: u32, part: &Part| {
-            let of_point = |own: &[f32; 2]| material.emission_share(instance, triangle, part.at(*own));
-            points.iter().map(of_point).sum::<f32>() / points.len() as f32
+        let points: Vec<[f32; 2]> = (0..points.clamp(POINTS_MIN, POINTS_MAX)).map(point).collect();
+        let moments = |number: u32| {
+            let triangle = primitive.first_triangle + number / finest.count();
+            let part = parts[(number % finest.count()) as usize];
+            let sums = points.iter().fold([0.0; 2], |[sum, squares], own| {
+                let share = material.emission_share(instance, triangle, part.at(*own));
+                [sum + share, squares + share * share]
+            });
+            sums.map(|sum| sum / points.len() as f32)
         };
-        let triangles =
-            primitive.first_triangle..primitive.first_triangle.saturating_add(primitive.triangle_count);
-        let of_finest: Vec<f32> = triangles
-            .into_par_iter()
-            .flat_map_iter(|triangle| parts.iter().map(move |part| share(triangle, part)))
+        let of_finest: Vec<[f32; 2]> = (0..count).into_par_iter().map(moments).collect();
+        let by_level: Vec<Asked> = (0..=finest.level)
+            .map(|level| Asked::merged(&of_finest, finest, Cut { level }, points.len()))
             .collect();
-        if !of_finest.iter().all(|share| share.is_finite()) {
-            return None;
-        }
-        let most = unevenness(&of_finest);
-        let mut shares = Shares { cut: finest, of_parts: of_finest.clone().into() };
-        for level in 0..finest.level {
-            let of_parts = merged(&of_finest, finest, Cut { level });
-            if unevenness(&of_parts) * UNEVEN_LEFT >= most {
-                shares = Shares { cut: Cut { level }, of_parts: of_parts.into() };
-                break;
+        let most = by_level.iter().map(Asked::unevenness).fold(1.0, f64::max);
+        let asked = by_level.iter().find(|asked| asked.unevenness() * UNEVEN_LEFT >= most)?;
+        let shares = asked.shares();
+        shares
+            .iter()
+            .all(|share| share.is_finite())
+            .then(|| Shares { cut: asked.cut, of_parts: shares.into() })
+    }
+}
+
+/// What some points of each part told of the picture.
+struct Asked {
+    cut: Cut,
+    /// Points of a part.
+    count: f64,
+    /// `[triangles × parts]`: means of their shares, and of the squares.
+    moments: Vec<[f32; 2]>,
+}
+
+impl Asked {
+    /// - `count`: points of a part of the finest cut
+    fn merged(of_finest: &[[f32; 2]], finest: Cut, cut: Cut, count: usize) -> Asked {
+        let parts = cut.count() as usize;
+        let each = parts as f32 / finest.count() as f32;
+        let homes: Vec<u32> = finest.parts().map(|part| cut.part_of(part.at([1.0 / 3.0; 2]))).collect();
+        let mut moments = vec![[0.0; 2]; of_finest.len() / homes.len() * parts];
+        for (triangle, found) in of_finest.chunks_exact(homes.len()).enumerate() {
+            for (found, home) in found.iter().zip(&homes) {
+                let merged = &mut moments[triangle * parts + *home as usize];
+                merged.iter_mut().zip(found).for_each(|(sum, moment)| *sum += moment * each);
             }
         }
-        Some(shares.floored())
+        Asked { cut, count: count as f64 / f64::from(each), moments }
     }
 
-    /// None below the least.
-    fn floored(mut self) -> Shares {
-        let mean = self.of_parts.iter().sum::<f32>() / self.of_parts.len() as f32;
-        // Of few large dark ones beside many small bright ones as well.
-        let least = LEAST * if mean > 0.0 { mean.min(1.0) } else { 1.0 };
-        self.of_parts = self.of_parts.iter().map(|share| share.max(least)).collect();
-        self
-    }
-}
-
-/// Means of the parts of a coarser cut.
-fn merged(of_finest: &[f32], finest: Cut, cut: Cut) -> Vec<f32> {
-    let count = cut.count() as usize;
-    let each = (count as f32) / finest.count() as f32;
-    let homes: Vec<u32> = finest.parts().map(|part| cut.part_of(part.at([1.0 / 3.0; 2]))).collect();
-    let mut means = vec![0.0; of_finest.len() / homes.len() * count];
-    for (triangle, shares) in of_finest.chunks_exact(homes.len()).enumerate() {
-        for (share, home) in shares.iter().zip(&homes) {
-            means[triangle * count + *home as usize] += share * each;
+    /// Mean of all parts; of the squares of the parts' own means, without what chance among the points adds; and of how the light varies within
+    /// a part.
+    fn spread(&self) -> [f64; 3] {
+        let mut sums = [0.0; 3];
+        for [mean, squares] in &self.moments {
+            let mean = f64::from(*mean);
+            let within = (f64::from(*squares) - mean * mean).max(0.0) * self.count / (self.count - 1.0);
+            let of_part = [mean, mean * mean - within / self.count, within];
+            sums.iter_mut().zip(of_part).for_each(|(sum, of_part)| *sum += of_part);
         }
+        sums.map(|sum| sum / self.moments.len().max(1) as f64)
     }
-    means
-}
 
-/// Mean of the squares over the square of the mean; 1 where all is alike or dark.
-fn unevenness(shares: &[f32]) -> f64 {
-    let [sum, squares] = shares.iter().fold([0.0, 0.0], |[sum, squares], share| {
-        let share = f64::from(*share);
-        [sum + share, squares + share * share]
-    });
-    if sum > 0.0 { squares * shares.len() as f64 / (sum * sum) } else { 1.0 }
+    /// Second moment of the parts' light over the square of its mean; 1 where all is alike or dark.
+    fn unevenness(&self) -> f64 {
+        let [mean, second, _] = self.spread();
+        if mean > 0.0 { (second / (mean * mean)).max(1.0) } else { 1.0 }
+    }
+
+    /// Shares of the parts: what is known of each, and of all together where that is known better [James1961], but none below the least. Of a sky
+    /// of small stars each part would otherwise count by the stars that its few points happened to meet.
+    fn shares(&self) -> Vec<f32> {
+        let [mean, second, within] = self.spread();
+        let between = (second - mean * mean).max(0.0) * self.count;
+        let own = if between + within > 0.0 { between / (between + within) } else { 1.0 };
+        // Of few large dark ones beside many small bright ones as well.
+        let least = f64::from(LEAST) * if mean > 0.0 { mean.min(1.0) } else { 1.0 };
+        let share = |[of_part, _]: &[f32; 2]| mean + (f64::from(*of_part) - mean) * own;
+        self.moments.iter().map(|moments| share(moments).max(least) as f32).collect()
+    }
 }
 
 #[cfg(test)]
@@ -223,15 +245,40 @@ mod tests {
     #[test]
     fn coarser_cuts_keep_the_light() {
         let finest = Cut { level: 3 };
-        let shares: Vec<f32> = (0..2 * finest.count()).map(|i| (i % 7) as f32).collect();
+        let moments: Vec<[f32; 2]> =
+            (0..2 * finest.count()).map(|i| (i % 7) as f32).map(|share| [share, share * share]).collect();
+        let mean =
+            |moments: &[[f32; 2]]| moments.iter().map(|[mean, _]| mean).sum::<f32>() / moments.len() as f32;
         for level in 0..=3 {
-            let coarse = merged(&shares, finest, Cut { level });
-            assert_eq!(coarse.len(), 2 << (2 * level));
-            let mean = |shares: &[f32]| shares.iter().sum::<f32>() / shares.len() as f32;
-            assert!((mean(&coarse) / mean(&shares) - 1.0).abs() < 1e-5);
-            let half = coarse.len() / 2;
-            assert!((mean(&coarse[..half]) / mean(&shares[..64]) - 1.0).abs() < 1e-5);
+            let coarse = Asked::merged(&moments, finest, Cut { level }, 16);
+            assert_eq!(coarse.moments.len(), 2 << (2 * level));
+            assert!((coarse.count - f64::from(16 << (2 * (3 - level)))).abs() < 1e-9);
+            assert!((mean(&coarse.moments) / mean(&moments) - 1.0).abs() < 1e-5);
+            let half = coarse.moments.len() / 2;
+            assert!((mean(&coarse.moments[..half]) / mean(&moments[..64]) - 1.0).abs() < 1e-5);
         }
-        assert_eq!(merged(&shares, finest, finest), shares);
+        assert_eq!(Asked::merged(&moments, finest, finest, 16).moments, moments);
+    }
+
+    /// Points that meet something by chance say nothing of a part; ones that agree do.
+    #[test]
+    fn chance_among_points_is_not_taken_for_a_picture() {
+        let cut = Cut { level: 4 };
+        let chance = |i: u32| (i.wrapping_mul(0x9e37_79b9) >> 16) as f32 / 65_536.0;
+        // A fiftieth of the points meets a star of fifty, whatever part they are of.
+        let starry = |part: u32| {
+            let met = (0..32).filter(|point| chance(part * 32 + point) < 0.02).count() as f32;
+            [met * 50.0 / 32.0, met * 2500.0 / 32.0]
+        };
+        let moments: Vec<[f32; 2]> = (0..2 * cut.count()).map(starry).collect();
+        let sky = Asked { cut, count: 32.0, moments };
+        assert!(sky.unevenness() < 1.2, "{}", sky.unevenness());
+        let shares = sky.shares();
+        let most = shares.iter().copied().fold(0.0, f32::max);
+        assert!(shares.iter().all(|share| *share > 0.5) && most < 3.0, "{most}");
+        let moments = (0..512).map(|part| if part < 8 { [64.0, 4096.0] } else { [0.0; 2] }).collect();
+        let window = Asked { cut, count: 32.0, moments };
+        assert!((window.unevenness() - 64.0).abs() < 1e-3 && window.shares()[0] == 64.0);
+        assert!(window.shares()[8..].iter().all(|share| *share == LEAST));
     }
 }

@@ -106,7 +106,8 @@ impl Tracer<'_> {
         };
         let wo = -path.ray.direction;
         let mut value = surface.bsdf.eval(surface.frame.to_local(wo), surface.frame.to_local(light.wi));
-        if value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black() {
+        let is_dark = value.diffuse.f_cos.is_black() && value.glossy.f_cos.is_black();
+        if is_dark || !surface.may_scatter(wo, light.wi) {
             return;
         }
         let Some((radiance, shadow_ray)) = self.world.towards_light(&surface.point, &light) else { return };

@@ -9,7 +9,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
-use super::{EmissionNumbers, Left, Source, SourceKind, luminance, target::Across};
+use super::{EmissionNumbers, Left, Source, SourceKind, from_point, luminance, target::Across};
 use crate::{
     accel::Ray,
     math::{Frame, Rgb, sobol, warp},
@@ -226,7 +226,7 @@ impl World {
         match &source.kind {
             SourceKind::Point { position, intensity } => {
                 let aimed = aim.direction(*position, numbers.direction, 2.0 * TAU, warp::sphere)?;
-                photon(Ray::new(*position, aimed.direction), *intensity, 1.0 / aimed.density(0.5 / TAU))
+                photon(from_point(*position, aimed.direction), *intensity, 1.0 / aimed.density(0.5 / TAU))
             }
             SourceKind::Spot { position, axis, intensity, cos_inner, cos_outer } => {
                 let whole_sr = TAU * (1.0 - cos_outer);
@@ -235,7 +235,7 @@ impl World {
                 let cos = aimed.direction.dot(*axis);
                 let blind = if cos >= *cos_outer { 1.0 / whole_sr } else { 0.0 };
                 let radiometric = *intensity * spot_falloff(cos, *cos_inner, *cos_outer);
-                photon(Ray::new(*position, aimed.direction), radiometric, 1.0 / aimed.density(blind))
+                photon(from_point(*position, aimed.direction), radiometric, 1.0 / aimed.density(blind))
             }
             SourceKind::Directional { direction, irradiance, target } => {
                 let (start, area_m2) = aim.start(&target.across(*direction), numbers.position)?;

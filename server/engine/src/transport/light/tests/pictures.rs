@@ -82,18 +82,35 @@ fn photons_leave_the_triangles_that_shine() {
     assert!((sources[0].power_w() / expected_w - 1.0).abs() < 0.1, "{} W", sources[0].power_w());
 }
 
-/// A square that looks down, with a picture of 16 × 16 texels of which two shine; a corner of each (u along x, v along z, clockwise seen from
-/// below) and its radiance.
+/// What a square shows.
+#[derive(Clone, Copy)]
+enum Screen {
+    /// Two of 16 × 16 texels shine.
+    TwoTexels,
+    /// It shines everywhere, on one side twice as much.
+    Gradient,
+    /// One in fifty of 256 × 256 texels shines, all over it.
+    Stars,
+}
+
+/// A square that looks down, with a picture; of the two texels a corner each (u along x, v along z, clockwise seen from below) and their
+/// radiance.
 ///
 /// - `copies`: other places where it stands, far off
-fn screen(is_even: bool, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
-    const SHINING: [(usize, f32); 2] = [(3 * 16 + 5, 10.0), (11 * 16 + 2, 2.0)];
+fn screen(shows: Screen, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
+    const SHINING: [(u32, f32); 2] = [(3 * 16 + 5, 10.0), (11 * 16 + 2, 2.0)];
     let mut stage = Stage::default();
-    let radiance =
-        |texel: usize| SHINING.iter().find(|(at, _)| *at == texel).map_or(0.0, |(_, radiance)| *radiance);
-    let radiance = |texel: usize| if is_even { 1.0 + (texel % 16) as f32 / 16.0 } else { radiance(texel) };
-    let texels = (0..256).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
-    let picture = Texture { width: 16, height: 16, texels: Texels::Rgba32F(texels) };
+    let side = if matches!(shows, Screen::Stars) { 256 } else { 16 };
+    let radiance = |texel: u32| match shows {
+        Screen::TwoTexels => {
+            SHINING.iter().find(|(at, _)| *at == texel).map_or(0.0, |(_, radiance)| *radiance)
+        }
+        Screen::Gradient => 1.0 + (texel % side) as f32 / side as f32,
+        Screen::Stars => f32::from(u8::from(texel.wrapping_mul(0x9e37_79b9) < u32::MAX / 50)),
+    };
+    let texels =
+        (0..side * side).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
+    let picture = Texture { width: side, height: side, texels: Texels::Rgba32F(texels) };
     let picture_id = Id::new("picture").unwrap();
     stage.builder().add_texture(picture_id.clone(), picture).unwrap();
     let mut material = Material::emitter(Rgb::WHITE);
@@ -112,7 +129,7 @@ fn screen(is_even: bool, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
     }
     stage.place("screen", mesh, DAffine3::IDENTITY).unwrap();
     let shining = SHINING.map(|(texel, radiance)| {
-        let at = [texel % 16, texel / 16].map(|at| at as f64 / 16.0);
+        let at = [texel % 16, texel / 16].map(|at| f64::from(at) / 16.0);
         (square(at, 1.0 / 16.0), f64::from(radiance))
     });
     (World::prepare(Arc::new(stage.finish())), shining)
@@ -122,7 +139,7 @@ fn screen(is_even: bool, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
 /// to a light.
 #[test]
 fn large_triangles_are_sampled_where_their_picture_shines() {
-    let (world, shining) = screen(false, 0);
+    let (world, shining) = screen(Screen::TwoTexels, 0);
     assert_eq!(world.lights().emissive_triangle_count(), 2);
     for (p, n) in
         [(DVec3::new(-0.3, 0.0, 0.2), DVec3::Y), (DVec3::new(-0.4, 0.9, -0.6), DVec3::new(0.6, 0.8, 0.0))]
@@ -154,14 +171,16 @@ fn large_triangles_are_sampled_where_their_picture_shines() {
     assert!(10 * lost < count, "{lost} of {count} start where nothing shines");
 }
 
-/// One that shines nearly everywhere stays whole, and many together are cut into no more than are few beside what else a scene holds.
+/// One that shines nearly everywhere, or alike all over, stays whole; and many together are cut into no more than are few beside what else a
+/// scene holds.
 #[test]
 fn pictures_are_cut_as_far_as_is_worth_it() {
-    let parts = |is_even, copies| screen(is_even, copies).0.lights().local.len();
-    assert_eq!(parts(true, 0), 2);
-    let one = parts(false, 0);
+    let parts = |shows, copies| screen(shows, copies).0.lights().local.len();
+    assert_eq!(parts(Screen::Gradient, 0), 2);
+    assert_eq!(parts(Screen::Stars, 0), 2);
+    let one = parts(Screen::TwoTexels, 0);
     assert!((128..=4096).contains(&one), "{one}");
-    assert_eq!(parts(false, 7), 8 * one);
-    assert!(parts(false, 299) <= 1 << 16);
-    assert_eq!(parts(false, 40_000), 2 * 40_001);
+    assert_eq!(parts(Screen::TwoTexels, 7), 8 * one);
+    assert!(parts(Screen::TwoTexels, 299) <= 1 << 16);
+    assert_eq!(parts(Screen::TwoTexels, 16_384), 2 * 16_385);
 }

@@ -227,3 +227,24 @@ fn smooth_normals_turn_the_same_way_on_any_node() {
     }
     shot(stage.finish()).is_alike(&gpu, "smooth normals");
 }
+
+/// Lamps that are cut by what their picture shows, steep bumps seen along them, and a lamp in the plane of the wall light what they do on the CPU.
+#[test]
+fn lamps_with_pictures_and_lamps_in_walls_light_the_same() {
+    let Some(gpu) = shared() else { return };
+    let nearest = TextureRef { filter: Filter::Nearest, ..TextureRef::new(id("picture")) };
+    let matt = Material::lambert(Rgb::splat(0.8));
+    let coated = Material { roughness: 0.5, ..Material::default() };
+    let mut stage = hung(
+        &noise(16, 16),
+        vec![
+            using(&[TextureSlot::Emission], &nearest, Material::emitter(Rgb::new(4.0, 3.0, 2.0))),
+            using(&[TextureSlot::Normal], &nearest, matt),
+            using(&[TextureSlot::Normal], &nearest, coated),
+        ],
+    );
+    let kind = LightKind::Point { intensity: Rgb::new(2.0, 3.0, 4.0) };
+    let position = DVec3::new(0.4, 0.9, -2.0);
+    stage.light("in the wall", Light { parent: None, position, direction: DVec3::NEG_Y, kind }).unwrap();
+    shot(stage.finish()).is_alike(&gpu, "cut, bumpy and in the wall");
+}
