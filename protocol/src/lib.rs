@@ -36,7 +36,7 @@ pub use message::{
     Accuracy, CameraRequest, ClientHello, ClientMessage, Codec, EditRequest, EffectChoice, EffectChoices,
     Quality, ServerHello, ServerMessage, Stats, Technique, ToneMap, View,
 };
-pub use parse::ParseError;
+pub use parse::{ParseError, request_of};
 pub use problem::{Problem, ProblemKind};
 pub use scene::{
     CameraDescription, Convergence, ConvergencePoint, Counts, EditReply, Effect, Effects,

@@ -112,6 +112,11 @@ fn edit_alone(op: &Value) -> ParseError {
     ParseError { op_index: None, op: None, field: None, reason }
 }
 
+/// The number of a refused edit, so that its sender learns which one it was; also where the text is no JSON for a number that is none.
+pub fn request_of(text: &str) -> Option<u64> {
+    whole_of(text)?.get("request")?.as_u64()
+}
+
 /// All of a refused text, where it is JSON but for numbers that are none.
 fn whole_of(text: &str) -> Option<Value> {
     serde_json::from_str(text).or_else(|_| serde_json::from_str(&with_non_numbers_quoted(text))).ok()
@@ -424,6 +429,21 @@ mod tests {
             ("no name at all", None),
         ] {
             assert_eq!(field_named_in(reason).as_deref(), field, "{reason}");
+        }
+    }
+
+    /// A refused edit is told which one it was, whatever is wrong beside its number.
+    #[test]
+    fn refused_edits_are_known_by_their_number() {
+        for (text, request) in [
+            (r#"{"type":"edit","request":7,"edits":[{"op":"explode"}]}"#, Some(7)),
+            (r#"{"type":"edit","edits":[{"op":"set_material","emission":[NaN,1,1]}],"request":7}"#, Some(7)),
+            (r#"{"type":"edit","request":1e999,"edits":[]}"#, None),
+            (r#"{"type":"edit","request":-1,"edits":[]}"#, None),
+            (r#"{"type":"edit","edits":[]}"#, None),
+            (r#"{"type":"edit","request":7,"#, None),
+        ] {
+            assert_eq!(request_of(text), request, "{text}");
         }
     }
 

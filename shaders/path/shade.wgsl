@@ -296,8 +296,11 @@ fn add_light_sample(
             return;
         }
         shadow.direction = end - shadow.origin;
-        shadow.t_max = select(TO_POINT, 1.0, light.origin == 2u);
-        medium_share = transmittance(path.medium, length(shadow.direction));
+        let distance_m = length(shadow.direction);
+        // `room_at_point`.
+        let room_m = select(max_component(abs(end)) * POINT_ROOM, 0.0, light.origin == 2u);
+        shadow.t_max = 1.0 - room_m / distance_m;
+        medium_share = transmittance(path.medium, distance_m);
     }
     let arriving = path.throughput * radiance * (1.0 / light.pdf) * medium_share;
     let class_of_diffuse = class_after(path.class_so_far, false);

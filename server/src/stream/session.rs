@@ -8,6 +8,7 @@ use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use lumicast_protocol::{
     ClientMessage, EditRequest, Limits, Problem, ProblemKind, SUBPROTOCOL, ServerHello, ServerMessage,
+    request_of,
 };
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -372,15 +373,6 @@ fn malformed(detail: &str) -> Problem {
 
 fn disconnected(verdict: Verdict) -> Option<Ending> {
     (verdict == Verdict::Disconnect).then_some((close_code::POLICY, "far too many messages"))
-}
-
-/// The number of a refused edit, so that its sender learns which one it was.
-fn request_of(text: &str) -> Option<u64> {
-    #[derive(serde::Deserialize)]
-    struct Numbered {
-        request: u64,
-    }
-    serde_json::from_str::<Numbered>(text).ok().map(|numbered| numbered.request)
 }
 
 /// The close code for a socket error that the client can do something about.

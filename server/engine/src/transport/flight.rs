@@ -10,8 +10,8 @@ use crate::{
 pub(crate) const STRAIGHT_COS: f32 = 1.0 - 1e-5;
 
 /// By how much flux may grow at a bent normal. What grazes the surface and not its bent normal grows without bound, and such a photon is seen as a
-/// spot where it falls. What is lost is at most 1/128 of even light, where the normal is bent by 90°, and 1/256 at 45°: sin² / (4 · this).
-pub(crate) const BENT_MAX: f32 = 32.0;
+/// spot where it falls, and at every surface it goes on to. What is lost is (1 − cos) / (2 · this) of even light: 3 % where the normal is bent by 60°.
+pub(crate) const BENT_MAX: f32 = 8.0;
 
 /// A photon between two surfaces.
 #[derive(Clone, Copy, Debug)]

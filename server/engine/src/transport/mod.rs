@@ -18,6 +18,8 @@ pub use bsdf::{Bsdf, BsdfSample, BsdfValue, CoatedBase, EVEN_RISE, schlick_rise}
 pub use flight::Flight;
 #[cfg(feature = "gpu")]
 pub(crate) use flight::{BENT_MAX, STRAIGHT_COS};
+#[cfg(feature = "gpu")]
+pub(crate) use light::POINT_ROOM;
 pub use light::{
     Aim, AimedPhoton, EmissionNumbers, EmittedPhoton, LightOrigin, LightSample, Lights, Opening, Source,
     SourceName, Sphere, Through,
@@ -32,6 +34,4 @@ pub use upload::{
     AppearanceBuffers, GpuLight, GpuLightNode, GpuMaterial, GpuPlacement, GpuSceneHeader, GpuTextureUse,
     TEXTURE_FLAGS, WorldBuffers, WorldFeatures,
 };
-#[cfg(feature = "gpu")]
-pub(crate) use world::TO_POINT;
 pub use world::{ShadowRay, World, WorldReport};

@@ -8,7 +8,7 @@ use glam::Vec3;
 use super::Absorption;
 use super::{
     Lights, Surface,
-    light::{Emission, EnvironmentLight, Opening, Openings, Shares, Through},
+    light::{Emission, EnvironmentLight, Opening, Openings, Shares, Through, room_at_point},
     surface::PreparedMaterial,
 };
 use crate::{
@@ -35,12 +35,6 @@ pub struct World {
     /// Through holes, and through holes and panes, by [`Through`]; none without an environment, and no second one without glass.
     openings: Vec<Openings>,
 }
-
-/// Share of the way to a light without size after which nothing hides it any more: in whose plane it lies, such as a ceiling in which a lamp stands,
-/// does not shadow what is on either side, though its hits are rounded to before the light or behind it. 0.4 mm from 3 m away. What lies so
-/// near to that plane that a rounding of the light's place is a larger share of its distance may stay in the shadow: a centimetre, 20 m from the
-/// scene's middle.
-pub(crate) const TO_POINT: f32 = 1.0 - 1.0 / 8192.0;
 
 /// A ray from a surface to a light.
 #[derive(Clone, Copy, Debug)]
@@ -305,11 +299,11 @@ impl World {
         sample: &super::LightSample,
     ) -> Option<(Rgb, ShadowRay)> {
         let endless = from.ray_towards(sample.wi);
-        let (radiance, target, t_max, light) = match sample.origin {
+        let (radiance, target, room_m, light) = match sample.origin {
             LightOrigin::Infinite => {
                 return Some((sample.radiance, ShadowRay { ray: endless, light: None }));
             }
-            LightOrigin::Point(position) => (sample.radiance, position, TO_POINT, None),
+            LightOrigin::Point(position) => (sample.radiance, position, room_at_point(position), None),
             LightOrigin::Surface { instance, triangle, barycentric, point } => {
                 let hit = Hit { t: 0.0, instance, triangle, b1: barycentric[0], b2: barycentric[1] };
                 let placed = &self.accel.instances()[instance as usize];
@@ -319,10 +313,12 @@ impl World {
                     return None;
                 }
                 let radiance = material.emitted(placed, &hit, from_front);
-                (radiance, point.origin_towards(-sample.wi), 1.0, Some(TriangleId { instance, triangle }))
+                (radiance, point.origin_towards(-sample.wi), 0.0, Some(TriangleId { instance, triangle }))
             }
         };
-        let ray = Ray { direction: target - endless.origin, t_max, ..endless };
+        let direction = target - endless.origin;
+        let t_max = if room_m > 0.0 { 1.0 - room_m / direction.length() } else { 1.0 };
+        let ray = Ray { direction, t_max, ..endless };
         (!radiance.is_black()).then_some((radiance, ShadowRay { ray, light }))
     }
 }

@@ -38,6 +38,16 @@ use crate::{
     scene::{LightKind, Scene},
 };
 
+/// Room around a light without size in shares of its largest coordinate: see [`room_at_point`].
+pub(crate) const POINT_ROOM: f32 = 1.0 / 32_768.0;
+
+/// How near to a light without size nothing hides it or catches its photons, m: a ceiling that a lamp stands in does not shadow what lies on either
+/// side, though rounding puts the lamp before it or behind. What runs by the plane of the ceiling at an angle of sine s passes it where the
+/// lamp is no farther off than s times this; roundings leave that but for a degree along the plane.
+pub(in crate::transport) fn room_at_point(position: Vec3) -> f32 {
+    position.abs().max_element() * POINT_ROOM
+}
+
 /// A light that stands somewhere.
 #[derive(Clone, Copy, Debug)]
 enum LocalLight {

@@ -9,7 +9,7 @@ use glam::Vec3;
 
 pub use self::aim::{Aim, AimedPhoton, Sphere};
 use self::target::Target;
-use super::{LocalLight, spot_falloff};
+use super::{LocalLight, room_at_point, spot_falloff};
 use crate::{
     accel::{Hit, Instance, Ray, SurfacePoint, TriangleId},
     math::{Frame, Rgb, warp},
@@ -381,12 +381,9 @@ impl World {
     }
 }
 
-/// The way of a photon from a light without size: begun so far from it that a surface in whose plane the light lies but for rounding, such as the
-/// ceiling that a lamp stands in, takes none of those that leave it on the other side; as `TO_POINT` for shadow rays.
+/// The way of a photon from a light without size; begun as far from it as shadow rays end before it.
 fn from_point(position: Vec3, direction: Vec3) -> Ray {
-    // Of rounding's 2⁻²⁴ as much as leaves only what goes nearly along such a plane.
-    let off_m = position.abs().max_element() * (1.0 / 262_144.0);
-    Ray::new(position + direction * off_m, direction)
+    Ray::new(position + direction * room_at_point(position), direction)
 }
 
 fn luminance(rgb: Rgb) -> f64 {

@@ -18,7 +18,7 @@ use crate::{
         path::cpu::{BOUNCES_END, FROM_DIMENSION, NEAR_BLURS, NEAR_MAX, ROULETTE_FREE_BOUNCES, SURVIVAL_MAX},
     },
     transport::{
-        AppearanceBuffers, BENT_MAX, GpuLight, STRAIGHT_COS, TEXTURE_FLAGS, TO_POINT, World, WorldBuffers,
+        AppearanceBuffers, BENT_MAX, GpuLight, POINT_ROOM, STRAIGHT_COS, TEXTURE_FLAGS, World, WorldBuffers,
         WorldFeatures,
         bsdf::{BROAD_ALPHA, SMOOTH_ALPHA},
     },
@@ -130,7 +130,7 @@ pub(super) fn constants_of(packed: &PackedScene) -> Vec<(&'static str, Constant)
         ("BOUNCES_END", Constant::U32(BOUNCES_END)),
         ("ROULETTE_FREE_BOUNCES", Constant::U32(ROULETTE_FREE_BOUNCES)),
         ("SURVIVAL_MAX", Constant::F32(SURVIVAL_MAX)),
-        ("TO_POINT", Constant::F32(TO_POINT)),
+        ("POINT_ROOM", Constant::F32(POINT_ROOM)),
         ("LIKE_COS", Constant::F32(LIKE_COS)),
         ("PHOTON_SURVIVAL_MAX", Constant::F32(PHOTON_SURVIVAL_MAX)),
         ("STRAIGHT_COS", Constant::F32(STRAIGHT_COS)),
