@@ -5,6 +5,16 @@ use glam::Vec2;
 use super::*;
 use crate::scene::{Filter, MeshSource, TextureRef, TextureSlot};
 
+/// A material that emits what a picture shows, texel by texel.
+fn showing(stage: &mut Stage, picture: Texture) -> Id {
+    let picture_id = Id::new("picture").unwrap();
+    stage.builder().add_texture(picture_id.clone(), picture).unwrap();
+    let mut material = Material::emitter(Rgb::WHITE);
+    let of = TextureRef { filter: Filter::Nearest, ..TextureRef::new(picture_id) };
+    material.textures[TextureSlot::Emission as usize] = Some(of);
+    stage.material("screen", material).unwrap()
+}
+
 /// A strip of squares that look down, one above each of sixteen texels of a picture: the sixth shines, the twelfth a fifth as much, all others
 /// are black. And the corners of each, clockwise seen from below.
 fn strip() -> (World, [[DVec3; 4]; 16]) {
@@ -16,12 +26,7 @@ fn strip() -> (World, [[DVec3; 4]; 16]) {
     };
     let texels = (0..16).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
     let picture = Texture { width: 16, height: 1, texels: Texels::Rgba32F(texels) };
-    let picture_id = Id::new("picture").unwrap();
-    stage.builder().add_texture(picture_id.clone(), picture).unwrap();
-    let mut material = Material::emitter(Rgb::WHITE);
-    let of = TextureRef { filter: Filter::Nearest, ..TextureRef::new(picture_id) };
-    material.textures[TextureSlot::Emission as usize] = Some(of);
-    let material = stage.material("screen", material).unwrap();
+    let material = showing(&mut stage, picture);
     let squares = std::array::from_fn(|i| {
         let (x, half) = (0.25 * i as f64 - 2.0, 0.1);
         [(-half, -half), (half, -half), (half, half), (-half, half)].map(|(a, b)| DVec3::new(x + a, 1.0, b))
@@ -111,12 +116,7 @@ fn screen(shows: Screen, copies: u32) -> (World, [([DVec3; 4], f64); 2]) {
     let texels =
         (0..side * side).map(|texel| [radiance(texel), radiance(texel), radiance(texel), 1.0]).collect();
     let picture = Texture { width: side, height: side, texels: Texels::Rgba32F(texels) };
-    let picture_id = Id::new("picture").unwrap();
-    stage.builder().add_texture(picture_id.clone(), picture).unwrap();
-    let mut material = Material::emitter(Rgb::WHITE);
-    let of = TextureRef { filter: Filter::Nearest, ..TextureRef::new(picture_id) };
-    material.textures[TextureSlot::Emission as usize] = Some(of);
-    let material = stage.material("screen", material).unwrap();
+    let material = showing(&mut stage, picture);
     let corner = |u: f64, v: f64| DVec3::new(2.0 * u - 1.0, 1.0, 2.0 * v - 1.0);
     let square = |[u, v]: [f64; 2], side: f64| {
         [corner(u, v), corner(u + side, v), corner(u + side, v + side), corner(u, v + side)]
