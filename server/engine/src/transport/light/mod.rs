@@ -43,7 +43,8 @@ pub(crate) const POINT_ROOM: f32 = 1.0 / 32_768.0;
 
 /// How near to a light without size nothing hides it or catches its photons, m: a ceiling that a lamp stands in does not shadow what lies on either
 /// side, though rounding puts the lamp before it or behind. What runs by the plane of the ceiling at an angle of sine s passes it where the
-/// lamp is no farther off than s times this; roundings leave that but for a degree along the plane.
+/// lamp is no farther off than s times this; roundings leave that but for a degree along the plane. Near the middle of render space there is less room
+/// than corners far from it are rounded by, and none in the very middle: a plane through a lamp there may hide it.
 pub(in crate::transport) fn room_at_point(position: Vec3) -> f32 {
     position.abs().max_element() * POINT_ROOM
 }

@@ -20,11 +20,12 @@ const POINTS_MAX: u32 = 1 << 9;
 /// shines between the points is not left to chance.
 const LEAST: f32 = 0.05;
 
-/// Parts of a primitive at most, as far as it is cut at all, and of all that are; a tree of so many lights is built in some milliseconds.
+/// Parts of a primitive at most, as far as it is cut at all; a tree of so many lights is built in some milliseconds.
 const PARTS_MAX: u32 = 1 << 12;
+/// The same of all primitives in all places.
 const PARTS_OF_ALL_MAX: u32 = 1 << 16;
 const LEVEL_MAX: u32 = 5;
-/// Triangles are cut into as few parts as leave the light within parts so much less even than within the smallest, by its second moment.
+/// Triangles are cut as coarsely as has the light of the parts uneven, by its second moment, but for this factor as much as any cut has.
 const UNEVEN_LEFT: f64 = 1.25;
 
 /// How triangles are cut: every edge into 2^level pieces, which makes 4^level parts of the same shape.
