@@ -187,18 +187,38 @@ pub(super) fn of_pixels(errors: &[f64], beside: Beside) -> MeasuredError {
     MeasuredError { rel_mse, interval_95: [least, high], trimmed: None }
 }
 
-/// The mean that [`neighbourhood_mean`] has for one pixel.
-pub(super) fn mean_around(image: &[Rgb], size: PictureSize, index: usize) -> [f64; 3] {
-    let (width, height) = (size.width() as usize, size.height() as usize);
-    let (x, y) = (index % width, index / width);
-    let places = span(y, height).flat_map(|y| span(x, width).map(move |x| y * width + x));
-    let others: Vec<usize> = places.filter(|place| *place != index).collect();
-    let colour = |place: usize| image[place].to_array().map(f64::from);
-    if others.is_empty() {
-        return colour(index);
+/// What a picture shows of the pixels around one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Around {
+    /// The mean that [`neighbourhood_mean`] has for the pixel.
+    pub(super) mean: [f64; 3],
+    /// How far they are apart: their variance, but for the brightest of each channel, which may be a single sample.
+    pub(super) variance: [f64; 3],
+}
+
+impl Around {
+    pub(super) fn of(image: &[Rgb], size: PictureSize, index: usize) -> Around {
+        let (width, height) = (size.width() as usize, size.height() as usize);
+        let (x, y) = (index % width, index / width);
+        let places = span(y, height).flat_map(|y| span(x, width).map(move |x| y * width + x));
+        let colour = |place: usize| image[place].to_array().map(f64::from);
+        let others: Vec<[f64; 3]> = places.filter(|place| *place != index).map(colour).collect();
+        if others.is_empty() {
+            return Around { mean: colour(index), variance: [0.0; 3] };
+        }
+        let sum = others.iter().fold([0.0; 3], added);
+        let variance = |c: usize| {
+            let brightest = others.iter().map(|other| other[c]).fold(0.0, f64::max);
+            let count = (others.len() - 1).max(1) as f64;
+            let mean = (sum[c] - brightest) / count;
+            let squares: f64 = others.iter().map(|other| (other[c] - mean).powi(2)).sum();
+            ((squares - (brightest - mean).powi(2)) / count).max(0.0)
+        };
+        Around {
+            mean: sum.map(|channel| channel / others.len() as f64),
+            variance: std::array::from_fn(variance),
+        }
     }
-    let sum = others.iter().fold([0.0; 3], |sum, place| added(sum, &colour(*place)));
-    sum.map(|channel| channel / others.len() as f64)
 }
 
 /// Places at most [`REACH`] from `at`, of 0 … `end` − 1.
