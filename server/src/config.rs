@@ -132,7 +132,7 @@ settings! {
     picture_width: u16 = Limits::default().picture_width;
     /// Pixels down a picture.
     picture_height: u16 = Limits::default().picture_height;
-    /// Bytes of all films together (about 160 a pixel, twice that for pictures by `auto`, 28 more with mirrors or glass, and 130 to 260 for
+    /// Bytes of all films together (about 184 a pixel, twice that for pictures by `auto`, 28 more with mirrors or glass, and 130 to 260 for
     /// caustics, five times where lamps without size light by way of them); who would exceed it gets pictures of a smaller scale.
     film_bytes: u64 = 4 << 30;
     /// Surface hits along a path that a client may ask for.

@@ -16,20 +16,21 @@ struct FirstPass {
 @group(0) @binding(1) var<storage, read> samples: array<u32>;
 
 /// Words of a sample, of light of a class in it, and where the rest stands.
-const SAMPLE_WORDS: u32 = 24u;
+const SAMPLE_WORDS: u32 = 28u;
 const CLASS_WORDS: u32 = 4u;
 const DEPTH_WORD: u32 = 3u;
 /// Of red; of the others as much further on as light of the next class.
 const ALBEDO_WORD: u32 = 7u;
-const NORMAL_WORD: u32 = 16u;
+const NORMAL_WORD: u32 = 20u;
 const SHINING_WORD: u32 = 19u;
-/// What is seen beyond mirrors and clear glass: bytes of its normal, the last of which says whether it is noted, after its albedo.
-const BEYOND_WORD: u32 = 20u;
+/// What is seen beyond mirrors and clear glass: bytes of its normal, the last of which says whether it is noted, before its albedo.
+const BEYOND_WORD: u32 = 24u;
 const BEYOND_NORMAL_WORD: u32 = 23u;
 const IS_NOTED: u32 = 0xff000000u;
 
 const EMITTED: u32 = 0u;
-const CLASS_COUNT: u32 = 4u;
+const BY_SPECULAR: u32 = 4u;
+const CLASS_COUNT: u32 = 5u;
 
 const INFINITE_BITS: u32 = 0x7f800000u;
 const SIGN_BIT: u32 = 0x80000000u;
@@ -115,7 +116,8 @@ fn first_seen(pixel: u32) -> FirstSeen {
             let light = light_of(at, class_of_light);
             seen.radiance += light;
             // What is seen of emitters straight or in mirrors is left alone.
-            if class_of_light != EMITTED || !is_shining {
+            let is_seen = class_of_light == EMITTED || class_of_light == BY_SPECULAR;
+            if !is_seen || !is_shining {
                 seen.light += light;
             }
         }

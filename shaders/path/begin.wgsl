@@ -23,6 +23,6 @@ fn begin(@builtin(global_invocation_id) id: vec3u) {
         path.direction = -pass_header.back;
     }
     paths[slot] = path;
-    samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u, vec3f(0.0), 0u);
+    samples[slot] = PixelSample(vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0.0, vec3f(0.0), 0u, vec3f(0.0), 0u, vec3f(0.0), 0u);
     queues[slot] = slot;
 }

@@ -10,11 +10,13 @@ struct PixelSample {
     albedo_green: f32,
     indirect: vec3f,
     albedo_blue: f32,
-    normal: vec3f,
+    specular: vec3f,
     is_shining: u32,
-    beyond_albedo: vec3f,
+    normal: vec3f,
     /// Signed bytes of 127; the last is nothing where nothing is noted.
     beyond_normal: u32,
+    beyond_albedo: vec3f,
+    padding_0: u32,
 }
 
 @group(2) @binding(4) var<storage, read_write> samples: array<PixelSample>;
@@ -53,6 +55,9 @@ fn add_radiance(slot: u32, class_of_light: u32, radiance: vec3f) {
         }
         case CAUSTIC: {
             samples[slot].caustic += radiance;
+        }
+        case BY_SPECULAR: {
+            samples[slot].specular += radiance;
         }
         default: {
             samples[slot].indirect += radiance;

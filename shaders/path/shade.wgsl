@@ -39,7 +39,7 @@ fn advance(slot: u32) -> bool {
         passing |= IS_NEAR;
     }
     path.lost_m = 0.0;
-    let is_beyond_near = (passing & IS_NEAR) != 0u && path.class_so_far != EMITTED;
+    let is_beyond_near = (passing & IS_NEAR) != 0u && meets_diffuse(path.class_so_far);
     // What lights send from there by way of mirrors or glass is known as the near surface's caustics.
     let is_beyond_mirrors = is_beyond_near && (passing & IS_BY_MIRRORS) != 0u;
     // From the eye, or by way of mirrors alone: what shines is shown as it is.
@@ -78,7 +78,7 @@ fn advance(slot: u32) -> bool {
     let sampler = sampler_of(slot, path);
     // At the first diffuse surface seen from the eye, or by way of one that was looked past: what is known of the light there,
     // by one scattering less.
-    let is_asked = HAS_SECONDARY && (path.class_so_far == EMITTED || is_beyond_near)
+    let is_asked = HAS_SECONDARY && (!meets_diffuse(path.class_so_far) || is_beyond_near)
         && path.bounce + 1u < pass_header.bounces_end && has_diffuse(surface.bsdf);
     var known = nothing_known();
     var is_near = false;
@@ -170,7 +170,7 @@ fn shows_focused(path: Path, surface: Surface, is_shown_by_gloss: bool) -> Shown
     let is_shown = (pass_header.focus & SHOWS_CAUSTICS) != 0u;
     let is_glossy = is_shown_by_gloss && (is_shown || path.class_so_far == INDIRECT);
     // From surfaces that are seen, nothing else.
-    let is_diffuse = has_diffuse(surface.bsdf) && (is_shown || path.class_so_far != EMITTED);
+    let is_diffuse = has_diffuse(surface.bsdf) && (is_shown || meets_diffuse(path.class_so_far));
     let is_any = (is_glossy || is_diffuse) && path.bounce + 1u < pass_header.bounces_end;
     // What is looked up is bounded by itself, whatever lies between the surface and the eye.
     let is_bounded = pass_header.bounces_end < BOUNCES_END && (pass_header.focus & IS_ASKING) == 0u;
@@ -223,8 +223,8 @@ fn add_environment(slot: u32, path: Path) {
 }
 
 fn add_emission(slot: u32, path: Path, hit: Hit, surface: Surface) {
-    if path.class_so_far == EMITTED && !is_black(surface.unlit) {
-        add_radiance(slot, EMITTED, path.throughput * surface.unlit);
+    if !meets_diffuse(path.class_so_far) && !is_black(surface.unlit) {
+        add_radiance(slot, path.class_so_far, path.throughput * surface.unlit);
     }
     if is_black(surface.emitted) || has_gathered(path, 2u) {
         return;

@@ -118,6 +118,7 @@ const EMITTED: u32 = 0u;
 const DIRECT: u32 = 1u;
 const CAUSTIC: u32 = 2u;
 const INDIRECT: u32 = 3u;
+const BY_SPECULAR: u32 = 4u;
 
 @group(2) @binding(0) var<uniform> pass_header: PassHeader;
 @group(2) @binding(1) var<storage, read_write> paths: array<Path>;
@@ -131,10 +132,15 @@ const INDIRECT: u32 = 3u;
 @group(2) @binding(5) var<storage, read_write> queues: array<u32>;
 @group(2) @binding(6) var<storage, read_write> counters: Counters;
 
+/// `PathClass::meets_diffuse`.
+fn meets_diffuse(class_so_far: u32) -> bool {
+    return class_so_far != EMITTED && class_so_far != BY_SPECULAR;
+}
+
 /// `PathClass::after`.
 fn class_after(class_so_far: u32, is_specular: bool) -> u32 {
-    if class_so_far == EMITTED {
-        return select(DIRECT, EMITTED, is_specular);
+    if !meets_diffuse(class_so_far) {
+        return select(DIRECT, BY_SPECULAR, is_specular);
     }
     if is_specular && class_so_far != INDIRECT {
         return CAUSTIC;
@@ -148,10 +154,10 @@ fn is_traced(class_of_path: u32) -> bool {
 
 /// `PathClasses::are_beyond`.
 fn are_traced_beyond(class_of_path: u32) -> bool {
-    var beyond = 15u;
+    var beyond = 30u;
     if class_of_path == INDIRECT {
         beyond = 8u;
-    } else if class_of_path != EMITTED {
+    } else if meets_diffuse(class_of_path) {
         beyond = 12u;
     }
     return (pass_header.traced & beyond) != 0u;

@@ -127,7 +127,7 @@ fn every_class_of_light_that_a_scene_has_is_in_exactly_one_room() {
                 failures.push(format!("{parts:?}, {}: {what}: {found} for {expected}", class.name()))
             };
             let is_planned = match class {
-                PathClass::Emitted | PathClass::Direct => true,
+                PathClass::Emitted | PathClass::Specular | PathClass::Direct => true,
                 PathClass::Caustic => plan.is_on(EffectKind::Caustics),
                 PathClass::Indirect => plan.is_on(EffectKind::Indirect),
             };
@@ -138,8 +138,8 @@ fn every_class_of_light_that_a_scene_has_is_in_exactly_one_room() {
             // what is sent on of it.
             let is_hidden = plan.facts.hides_light()
                 && match class {
-                    PathClass::Emitted => plan.facts.glossy > 0,
-                    PathClass::Direct => false,
+                    PathClass::Specular => plan.facts.glossy > 0,
+                    PathClass::Emitted | PathClass::Direct => false,
                     PathClass::Caustic | PathClass::Indirect => true,
                 };
             let allowed = OFF_MAX[0] * expected + OFF_MAX[1] * whole;

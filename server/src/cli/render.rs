@@ -473,8 +473,8 @@ fn core_count() -> usize {
 /// Refuses a film that the machine cannot hold, instead of being killed half way.
 fn check_memory(size: PictureSize, args: &RenderArgs, scene: &Scene) -> Result<(), CliError> {
     let settings = settings_of(args);
-    // Up to 100 bytes a pixel for pictures and layers on their way into a file.
-    let on_the_way = 100 * size.pixel_count();
+    // Up to 112 bytes a pixel for pictures and layers on their way into a file.
+    let on_the_way = 112 * size.pixel_count();
     let needed = (settings.picture_bytes(&EffectPlan::of(scene), size.pixel_count()) + on_the_way) as u64;
     match available_bytes() {
         Some(available) if needed > available => Err(CliError::Usage(format!(

@@ -35,15 +35,10 @@ pub enum ExrLayer {
 
 /// What each layer is called and holds: the one table of `--layers`.
 ///
-/// `R`, `G`, `B` are the sum of the four radiance layers. There is no layer of "specular paths" by itself:
-/// light seen in mirrors, through glass and as highlights of sources is in `emitted` when it met no diffuse
-/// surface, else in the layer of its last diffuse scattering.
-pub const EXR_LAYERS: [(&str, ExrLayer, &str); 8] = [
-    (
-        "emitted",
-        ExrLayer::Class(PathClass::Emitted),
-        "RGB, W/(m² sr): sources seen directly or by specular lobes only",
-    ),
+/// `R`, `G`, `B` are the sum of the five radiance layers. What mirrors, glass and glosses show of light that met a diffuse surface before
+/// is in the layer of its last diffuse scattering; `specular` holds what they show of sources.
+pub const EXR_LAYERS: [(&str, ExrLayer, &str); 9] = [
+    ("emitted", ExrLayer::Class(PathClass::Emitted), "RGB, W/(m² sr): sources seen directly"),
     (
         "direct",
         ExrLayer::Class(PathClass::Direct),
@@ -58,6 +53,11 @@ pub const EXR_LAYERS: [(&str, ExrLayer, &str); 8] = [
         "indirect",
         ExrLayer::Class(PathClass::Indirect),
         "RGB, W/(m² sr): light with a further diffuse scattering before",
+    ),
+    (
+        "specular",
+        ExrLayer::Class(PathClass::Specular),
+        "RGB, W/(m² sr): sources seen in mirrors and glosses and through glass",
     ),
     ("albedo", ExrLayer::Albedo, "RGB, share of light: first hit, black where nothing was hit"),
     (
@@ -266,6 +266,10 @@ mod tests {
             .collect();
         expected.sort();
         assert_eq!(names, expected);
+        // Those that the contract names.
+        for name in ["direct", "indirect", "caustics", "specular", "albedo", "normal", "depth"] {
+            assert!(EXR_LAYERS.iter().any(|layer| layer.0 == name), "{name}");
+        }
     }
 
     /// The facts are readable JSON in the file's header; a big seed keeps every digit.

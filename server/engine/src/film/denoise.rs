@@ -187,8 +187,8 @@ impl Seen {
             sum.map(|value| value as f32).into()
         };
         // What is sampled of emitters is not filtered, and its noise is not told from that of the rest: none of it counts as taken off.
-        let is_shining = pixel.is_shining() && !sum(&[PathClass::Emitted]).is_black();
-        let filtered = |class: PathClass| !is_shining || class != PathClass::Emitted;
+        let is_shining = pixel.is_shining() && !sum(&PathClass::SEEN).is_black();
+        let filtered = |class: PathClass| !is_shining || class.meets_diffuse();
         let light: Vec<PathClass> = PathClass::ALL.into_iter().filter(|class| filtered(*class)).collect();
         // Light that was replaced has fewer samples than the rest. How much of the noise is its own nobody has noted: half at most, and
         // what is looked up hardly spreads by more than itself. What shadows' edges spread by is not its own: holes of leaves in

@@ -111,7 +111,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// Memory of one pixel. Radiance is summed in double precision (128 of the 160 bytes): in single
+    /// Memory of one pixel. Radiance is summed in double precision (152 of the 184 bytes): in single
     /// precision a constant 0.1 is 1 % off after 10⁶ passes, and after one bright sample of 10⁶ every
     /// sample below 0.03 is lost for good, which is a bias. Albedo, normal and depth guide filters and
     /// are summed in single precision: they are bounded or all of one size within a pixel, and 10⁵
@@ -154,7 +154,7 @@ impl Film {
         &mut self.tiles
     }
 
-    /// Lets the passes to come replace light of `classes`, of those that are scattered on their way (all but emitted light), since more is known
+    /// Lets the passes to come replace light of `classes`, of those that diffuse surfaces scatter on their way (all but [`PathClass::SEEN`]), since more is known
     /// of it now. What was sampled of the others stays.
     pub fn outdate(&mut self, classes: &[PathClass], outdated: Outdated) {
         self.tiles.iter_mut().for_each(|tile| tile.outdate(classes, outdated));

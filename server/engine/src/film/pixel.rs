@@ -15,7 +15,7 @@ pub struct PixelSample {
     pub normal: Vec3,
     /// Distance of the first hit along the camera's axis, metres; 0 when nothing was hit.
     pub depth_m: f32,
-    /// What is seen straight or in mirrors shines by itself, or nothing was hit: light of [`PathClass::Emitted`] comes from there as it is. Else
+    /// What is seen straight or in mirrors shines by itself, or nothing was hit: light of [`PathClass::SEEN`] comes from there as it is. Else
     /// it is seen through glass or in a gloss, by samples that meet it or not.
     pub is_shining: bool,
     /// What is seen in mirrors or through clear glass, where the first hit is one.
@@ -85,7 +85,7 @@ impl Held {
     /// Passes that a class's sum holds.
     pub(super) fn of(self, class: PathClass) -> u32 {
         match class {
-            PathClass::Emitted => self.passes,
+            PathClass::Emitted | PathClass::Specular => self.passes,
             PathClass::Direct => self.passes - self.forgotten[0],
             PathClass::Caustic => self.passes - self.forgotten[1],
             PathClass::Indirect => self.passes - self.forgotten[2],

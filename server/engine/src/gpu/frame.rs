@@ -23,7 +23,7 @@ use crate::film::{
 };
 
 /// Bytes of a sample of a pixel.
-pub(crate) const FRAME_SAMPLE_BYTES: u64 = 96;
+pub(crate) const FRAME_SAMPLE_BYTES: u64 = 112;
 /// Of radiance that is shown.
 const RADIANCE_BYTES: u64 = 12;
 
@@ -117,7 +117,7 @@ impl FrameOnCard {
             && bytes <= limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
     }
 
-    /// Compiles the steps, which a session does once, and makes room: some 190 bytes a pixel, for pictures of that size and smaller ones.
+    /// Compiles the steps, which a session does once, and makes room: some 206 bytes a pixel, for pictures of that size and smaller ones.
     ///
     /// - `size`: of one that it [takes](FrameOnCard::takes)
     ///

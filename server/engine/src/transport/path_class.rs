@@ -3,10 +3,11 @@
 /// Cuts every light path at its last diffuse scattering before the eye [layout.md].
 ///
 /// Classes go by the lobe that scattered, not by material, so every path has exactly one class and the
-/// layers of a picture add up to the picture.
+/// layers of a picture add up to the picture. Light that met no diffuse surface, which the layout has in one class, is in two
+/// here: the contract asks for what mirrors, glass and gloss show by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum PathClass {
-    /// No diffuse scattering at all: light seen directly or through mirrors and glass (LS*E).
+    /// No scattering at all: light seen directly (LE).
     Emitted,
     /// Light falls on the diffuse surface straight from the source (LDS*E).
     Direct,
@@ -14,12 +15,17 @@ pub enum PathClass {
     Caustic,
     /// Another diffuse scattering between (L(S|D)*D(S|D)*DS*E less caustics).
     Indirect,
+    /// Scattered, but by no diffuse lobe: light seen in mirrors and glosses and through glass (LS+E). The last, so that the classes of
+    /// light that falls on diffuse surfaces fit into two bits.
+    Specular,
 }
 
 impl PathClass {
     /// Every class, in layer order.
-    pub const ALL: [PathClass; 4] =
-        [PathClass::Emitted, PathClass::Direct, PathClass::Caustic, PathClass::Indirect];
+    pub const ALL: [PathClass; 5] =
+        [PathClass::Emitted, PathClass::Direct, PathClass::Caustic, PathClass::Indirect, PathClass::Specular];
+    /// Those of light that comes to the eye without any diffuse scattering.
+    pub const SEEN: [PathClass; 2] = [PathClass::Emitted, PathClass::Specular];
     /// Number of classes.
     pub const COUNT: usize = Self::ALL.len();
 
@@ -30,6 +36,7 @@ impl PathClass {
             PathClass::Direct => "direct",
             PathClass::Caustic => "caustic",
             PathClass::Indirect => "indirect",
+            PathClass::Specular => "specular",
         }
     }
 }
@@ -46,15 +53,20 @@ pub enum Scatter {
 impl PathClass {
     /// The class of a path that was `self` when it is followed through one more scattering, walking from the eye.
     ///
-    /// A path of no scattering is `Emitted`; the class of the part walked so far says all that the next
+    /// A path of no scattering is [`PathClass::Emitted`]; the class of the part walked so far says all that the next
     /// vertex needs to know.
     pub fn after(self, scatter: Scatter) -> PathClass {
         match (self, scatter) {
-            (PathClass::Emitted, Scatter::Specular) => PathClass::Emitted,
-            (PathClass::Emitted, Scatter::Diffuse) => PathClass::Direct,
+            (PathClass::Emitted | PathClass::Specular, Scatter::Specular) => PathClass::Specular,
+            (PathClass::Emitted | PathClass::Specular, Scatter::Diffuse) => PathClass::Direct,
             (PathClass::Direct | PathClass::Caustic, Scatter::Specular) => PathClass::Caustic,
             (_, _) => PathClass::Indirect,
         }
+    }
+
+    /// Whether a diffuse lobe scattered its light.
+    pub fn meets_diffuse(self) -> bool {
+        !Self::SEEN.contains(&self)
     }
 }
 
@@ -65,8 +77,9 @@ pub struct PathClasses(u8);
 impl PathClasses {
     /// All of them.
     pub const ALL: PathClasses = PathClasses::of(&PathClass::ALL);
-    /// Light seen directly, and light that falls on the first diffuse surface straight from its source.
-    pub const EMITTED_AND_DIRECT: PathClasses = PathClasses::of(&[PathClass::Emitted, PathClass::Direct]);
+    /// Light that met no diffuse surface, and light that falls on the first one straight from its source.
+    pub const SEEN_AND_DIRECT: PathClasses =
+        PathClasses::of(&[PathClass::Emitted, PathClass::Specular, PathClass::Direct]);
 
     /// These.
     pub const fn of(classes: &[PathClass]) -> PathClasses {
@@ -81,6 +94,11 @@ impl PathClasses {
     /// All of these but one.
     pub fn without(self, class: PathClass) -> PathClasses {
         PathClasses(self.0 & !(1 << class as u8))
+    }
+
+    /// Those of light that a diffuse lobe scattered.
+    pub fn beyond_diffuse(self) -> PathClasses {
+        PathClass::SEEN.into_iter().fold(self, PathClasses::without)
     }
 
     /// Bit c: the class whose number is c is among them.
@@ -101,7 +119,7 @@ impl PathClasses {
     /// Whether a path that is of `class` so far becomes one of these by some further scatterings, one at least.
     pub fn are_beyond(self, class: PathClass) -> bool {
         let beyond = match class {
-            PathClass::Emitted => PathClasses::ALL,
+            PathClass::Emitted | PathClass::Specular => PathClasses::ALL.without(PathClass::Emitted),
             PathClass::Direct | PathClass::Caustic => {
                 PathClasses::of(&[PathClass::Caustic, PathClass::Indirect])
             }
@@ -149,13 +167,15 @@ mod tests {
                     .collect();
                 let diffuse: Vec<usize> = (0..length).filter(|i| path[*i] == Scatter::Diffuse).collect();
                 let expected = match (diffuse.len(), diffuse.first()) {
-                    (0, _) => PathClass::Emitted,
+                    (0, _) if length == 0 => PathClass::Emitted,
+                    (0, _) => PathClass::Specular,
                     (1, Some(first)) if first + 1 == length => PathClass::Direct,
                     (1, _) => PathClass::Caustic,
                     _ => PathClass::Indirect,
                 };
                 let walked = path.iter().fold(PathClass::Emitted, |class, scatter| class.after(*scatter));
                 assert_eq!(walked, expected, "{path:?}");
+                assert_eq!(walked.meets_diffuse(), !diffuse.is_empty(), "{path:?}");
             }
         }
     }

@@ -87,7 +87,7 @@ pub struct RenderArgs {
     /// there, too); auto: the faster one by a short trial, where there is a graphics card
     #[arg(long, default_value = "auto", value_name = "BACKEND", value_parser = parse_backend)]
     pub backend: Backend,
-    /// Add layers to the EXR: emitted, direct, caustics, indirect, albedo, normal, depth, variance
+    /// Add layers to the EXR: emitted, direct, caustics, indirect, specular, albedo, normal, depth, variance
     #[arg(long)]
     pub layers: bool,
     /// Exposure of PNG and JPEG in stops

@@ -159,7 +159,7 @@ const ALPHA: f64 = 0.6;
 const PILOT_PHOTONS: usize = 256;
 
 static CARD: Card =
-    Card { name: "caustics", classes: &[PathClass::Caustic, PathClass::Emitted], bias: Bias::Consistent };
+    Card { name: "caustics", classes: &[PathClass::Caustic, PathClass::Specular], bias: Bias::Consistent };
 
 /// A map of caustics for every pass, on the CPU, on the rayon pool it is called in.
 #[derive(Debug)]

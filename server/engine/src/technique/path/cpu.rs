@@ -220,7 +220,7 @@ impl Tracer<'_> {
         tally.ray(&path.ray);
         let lights = self.world.lights();
         // What shows its colour unlit is seen in mirrors, and is no light.
-        let is_scattered = path.class != PathClass::Emitted;
+        let is_scattered = path.class.meets_diffuse();
         let ends_there = is_scattered && !path.is_beyond_near() && self.is_complete(path);
         if !ends_there || lights.may_meet(&path.ray) {
             return Some(self.world.closest_hit(&path.ray));
@@ -342,7 +342,7 @@ impl Tracer<'_> {
     /// - `indirect`: of it, where that was found already
     fn known_at(&self, path: &Path<'_>, surface: &Surface, indirect: Option<Rgb>) -> Option<ScatteredLight> {
         let secondary = self.secondary?;
-        let is_asked = path.class == PathClass::Emitted || path.is_beyond_near();
+        let is_asked = !path.class.meets_diffuse() || path.is_beyond_near();
         let wo = -path.ray.direction;
         (is_asked && self.asks_for_more(path) && surface.bsdf.has_diffuse()).then(|| {
             if let Some(indirect) = indirect {
@@ -442,7 +442,7 @@ impl Tracer<'_> {
 impl Path<'_> {
     /// It went on from a diffuse surface that was too near to be answered for.
     fn is_beyond_near(&self) -> bool {
-        self.is_near && self.class != PathClass::Emitted
+        self.is_near && self.class.meets_diffuse()
     }
 
     /// It went on from there past mirrors or glass: what lights send by way of those is known as the near surface's caustics.

@@ -109,7 +109,7 @@ impl PathSettings {
 
     /// Light seen directly and direct light; the rest is asked for.
     pub fn asking(self) -> PathSettings {
-        PathSettings { traced: PathClasses::EMITTED_AND_DIRECT, asks: true, ..self }
+        PathSettings { traced: PathClasses::SEEN_AND_DIRECT, asks: true, ..self }
     }
 }
 
@@ -245,7 +245,7 @@ impl ArrivingLight for PathTracer {
             ..Tracer::of(world, self.settings)
         };
         let sample = tracer.sample_pixel(ray, met, sampler, counts);
-        let scattered = PathClass::ALL.iter().filter(|class| **class != PathClass::Emitted);
+        let scattered = PathClass::ALL.iter().filter(|class| class.meets_diffuse());
         scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[*class as usize])
     }
 

@@ -126,19 +126,54 @@ fn thread_count_changes_no_bit() {
     }
 }
 
-/// Layers add up to the picture, and a picture without indirect light is its emitted and direct layers, in the mean.
+/// Layers add up to the picture, and a picture without indirect light is its direct layer and those of light that met nothing
+/// diffuse, in the mean.
 #[test]
 fn direct_picture_equals_the_direct_layers_of_the_full_one() {
     let scene = samples::cornell_box().unwrap();
     let full = render(&scene, 48, 64, seeded(4));
     let direct = render(&scene, 48, 64, RenderSettings { indirect: Indirect::None, ..seeded(5) });
-    for class in [PathClass::Emitted, PathClass::Direct] {
+    for class in [PathClass::Emitted, PathClass::Specular, PathClass::Direct] {
         let (a, error_a) = mean_and_error(&difference(&full.layer(class), &direct.layer(class)));
         assert!(a.abs() < 5.0 * error_a + 1e-5, "{class:?}: {a} ± {error_a}");
     }
     for class in [PathClass::Caustic, PathClass::Indirect] {
         assert_eq!(mean(&direct.layer(class)), 0.0);
         assert!(mean(&full.layer(class)) > 0.0);
+    }
+}
+
+/// What is around a scene is emitted light where it is seen as it is, specular in mirrors and through glass, and neither on what is matt.
+#[test]
+fn light_that_meets_nothing_diffuse_is_emitted_or_specular() {
+    let mirror = Material { metallic: 1.0, roughness: 0.0, ..Material::default() };
+    let brushed = Material { roughness: 0.4, ..mirror.clone() };
+    let glass = Material { transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let matt = Material::lambert(Rgb::WHITE);
+    let (specular, diffuse) = (&[PathClass::Specular][..], &[PathClass::Direct, PathClass::Indirect][..]);
+    for (name, material, by) in [
+        ("mirror", mirror, specular),
+        ("brushed metal", brushed, specular),
+        ("glass", glass, specular),
+        ("matt", matt, diffuse),
+    ] {
+        let film = render(&in_white_surroundings(material), 32, 64, seeded(2));
+        let light = PathClass::ALL.map(|class| film.layer(class));
+        let (mut seen, mut met) = (0, 0);
+        for (index, depth_m) in film.depth().into_iter().enumerate() {
+            let of = |class: PathClass| light[class as usize][index].mean();
+            let emitted = of(PathClass::Emitted);
+            for class in PathClass::ALL.into_iter().filter(|class| *class != PathClass::Emitted) {
+                let may_be = by.contains(&class) && depth_m > 0.0;
+                assert!(may_be || of(class) == 0.0, "{name}: {} at {index}: {}", class.name(), of(class));
+            }
+            let other: f32 = by.iter().map(|class| of(*class)).sum();
+            // Edges hold some of both.
+            assert!(emitted + other > 0.5, "{name}: {emitted} and {other} at {index}");
+            seen += usize::from(other == 0.0);
+            met += usize::from(emitted == 0.0);
+        }
+        assert!(seen > 50 && met > 50, "{name}: {seen} and {met}");
     }
 }
 

@@ -67,7 +67,7 @@ impl Tracer<'_> {
             // What it sends to a near surface before is known there.
             && !path.is_beyond_near();
         // From surfaces that are seen, nothing else.
-        let is_diffuse = surface.bsdf.has_diffuse() && (is_shown || path.class != PathClass::Emitted);
+        let is_diffuse = surface.bsdf.has_diffuse() && (is_shown || path.class.meets_diffuse());
         if !(is_glossy || is_diffuse) || !self.asks_for_more(path) {
             return None;
         }

@@ -8,7 +8,7 @@ use crate::{
     accel::Hit,
     film::PixelSample,
     technique::{Guidance, path::Tally},
-    transport::{Opening, PathClass, Scatter, Surface, Through, bsdf::LobeValue},
+    transport::{Opening, Scatter, Surface, Through, bsdf::LobeValue},
 };
 
 /// Power heuristic for one sample of each of two densities [Veach1997, 9.2.4], safe where squares overflow.
@@ -50,8 +50,8 @@ impl Tracer<'_> {
         surface: &Surface,
         sample: &mut PixelSample,
     ) {
-        if path.class == PathClass::Emitted && !surface.unlit.is_black() {
-            sample.radiance[PathClass::Emitted as usize] += path.throughput * surface.unlit;
+        if !path.class.meets_diffuse() && !surface.unlit.is_black() {
+            sample.radiance[path.class as usize] += path.throughput * surface.unlit;
         }
         if surface.emitted.is_black() || self.has_gathered(path, 2) {
             return;

@@ -157,7 +157,7 @@ impl GpuGatherer {
     fn slice(&self, tracer: &PathTracer, rays: &[GatherRay]) -> Result<(Vec<Arrived>, Counts), GpuError> {
         let rays: Vec<GpuGatherRay> = rays.par_iter().map(GpuGatherRay::new).collect();
         let settings = &tracer.settings;
-        let brought = settings.shown.without(PathClass::Emitted);
+        let brought = settings.shown.beyond_diffuse();
         let (known, dimmed) = undimmed(tracer.secondary.as_ref());
         let header = GpuPassHeader {
             path_count: rays.len() as u32,

@@ -20,18 +20,20 @@ pub(super) struct GpuPixelSample {
     pub(super) albedo_green: f32,
     pub(super) indirect: [f32; 3],
     pub(super) albedo_blue: f32,
-    pub(super) normal: [f32; 3],
+    pub(super) specular: [f32; 3],
     pub(super) is_shining: u32,
-    pub(super) beyond_albedo: [f32; 3],
+    pub(super) normal: [f32; 3],
     /// Signed bytes of 127; the last is nothing where nothing is noted.
     pub(super) beyond_normal: [i8; 4],
+    pub(super) beyond_albedo: [f32; 3],
+    pub(super) padding_0: u32,
 }
 
 impl GpuPixelSample {
     /// As films take it.
     pub(super) fn unpacked(&self) -> PixelSample {
         PixelSample {
-            radiance: [self.emitted, self.direct, self.caustic, self.indirect].map(Rgb::from),
+            radiance: [self.emitted, self.direct, self.caustic, self.indirect, self.specular].map(Rgb::from),
             albedo: Rgb::new(self.albedo_red, self.albedo_green, self.albedo_blue),
             normal: Vec3::from(self.normal),
             depth_m: self.depth_m,
@@ -42,7 +44,8 @@ impl GpuPixelSample {
 
     /// Adds what its path has brought since.
     pub(super) fn add(&mut self, more: &PixelSample) {
-        let classes = [&mut self.emitted, &mut self.direct, &mut self.caustic, &mut self.indirect];
+        let classes =
+            [&mut self.emitted, &mut self.direct, &mut self.caustic, &mut self.indirect, &mut self.specular];
         for (sum, more) in classes.into_iter().zip(more.radiance) {
             *sum = (Rgb::from(*sum) + more).to_array();
         }

@@ -354,11 +354,9 @@ impl SecondaryLight for Traced {
         let sampler = PixelSampler::new(78, 0, 0, number);
         let sample = tracer.sample_pixel(&ray, Some(hit), &sampler, &mut Counts::default());
         // Light that the surface gets straight from where it is sent out is neither.
-        let straight = self.world.surface(&hit, ray.direction).emitted;
-        let emitted = sample.radiance[PathClass::Emitted as usize];
-        let all = sample.radiance.iter().fold(Rgb::BLACK, |sum, class| sum + *class);
-        let caustic = Rgb::from([0, 1, 2].map(|c| emitted.to_array()[c] - straight.to_array()[c]));
-        let indirect = Rgb::from([0, 1, 2].map(|c| all.to_array()[c] - emitted.to_array()[c]));
+        let caustic = sample.radiance[PathClass::Specular as usize];
+        let scattered = PathClass::ALL.into_iter().filter(|class| class.meets_diffuse());
+        let indirect = scattered.fold(Rgb::BLACK, |sum, class| sum + sample.radiance[class as usize]);
         ScatteredLight {
             indirect: drawn.weight * indirect,
             caustic: drawn.weight * caustic,

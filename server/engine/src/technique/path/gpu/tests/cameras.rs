@@ -72,11 +72,13 @@ fn classes_are_traced_and_shown_the_same() {
     for (name, settings) in [
         ("asking", all.asking()),
         ("emitted", PathSettings { traced: of(&[Emitted]), ..all }),
+        ("specular", PathSettings { traced: of(&[Specular]), ..all }),
+        ("shown by specular lobes alone", PathSettings { shown: of(&[Specular]), ..all }),
         ("direct", PathSettings { traced: of(&[Direct]), ..all }),
         ("caustic", PathSettings { traced: of(&[Caustic]), ..all }),
         ("indirect and emitted", PathSettings { traced: of(&[Indirect, Emitted]), ..all }),
         ("nothing", PathSettings { traced: of(&[]), ..all }),
-        ("all but shown direct", PathSettings { shown: of(&[Emitted, Caustic, Indirect]), ..all }),
+        ("all but shown direct", PathSettings { shown: PathClasses::ALL.without(Direct), ..all }),
         ("caustics shown alone", PathSettings { shown: of(&[Caustic]), ..all }),
     ] {
         Shot { settings, ..cornell() }.is_alike(&gpu, name);

@@ -60,7 +60,7 @@ fn first_passes_are_shown_as_by_the_cpu() {
     let focused = by_records.clone().focused(CausticLight::All);
     let of_sketch = Shot { size: size(60, 45), ..by_records.clone() };
     let seen = sketch.for_card(&View::new(&of_sketch.world, &of_sketch.camera, of_sketch.size));
-    let hidden = PathSettings { shown: PathClasses::EMITTED_AND_DIRECT, ..by_records.settings };
+    let hidden = PathSettings { shown: PathClasses::SEEN_AND_DIRECT, ..by_records.settings };
     let shots = [
         ("room", shot(room().finish())),
         ("box", Shot { size: size(97, 71), ..shot(samples::cornell_box().unwrap()) }),
@@ -116,9 +116,10 @@ fn hostile_samples_are_shown_as_by_the_cpu() {
         depth_m: 3.0,
         ..GpuPixelSample::zeroed()
     };
-    let set: [(&str, Set); 6] = [
+    let set: [(&str, Set); 7] = [
         ("light", |sample, value| sample.indirect[1] = value),
         ("emitted", |sample, value| (sample.emitted, sample.is_shining) = ([value; 3], 1)),
+        ("specular", |sample, value| (sample.specular, sample.is_shining) = ([value; 3], 1)),
         ("albedo", |sample, value| sample.albedo_blue = value),
         ("normal", |sample, value| sample.normal = [value, 0.0, 0.0]),
         ("depth", |sample, value| sample.depth_m = value),

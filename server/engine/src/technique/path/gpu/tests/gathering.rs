@@ -47,7 +47,7 @@ impl Shot {
             let mut counts = Counts::default();
             let met = self.world.closest_hit(ray);
             let sample = tracer.sample_pixel(ray, met, sampler, &mut counts);
-            let [_, direct, caustic, indirect] = sample.radiance;
+            let [_, direct, caustic, indirect, _] = sample.radiance;
             let arrived = Arrived { radiance: direct + caustic + indirect, distance_m: met.map(|hit| hit.t) };
             OnCpu { arrived, looked_up: (caustic + indirect).max_component(), rays: counts.rays }
         };
@@ -218,7 +218,7 @@ fn records_gathered_on_a_card_show_the_same_picture() {
         assert!(others <= layers[0].len() / 20, "{name}: {others} pixels");
         assert!((sums[1] / sums[0] - 1.0).abs() <= 1e-3, "{name}: {sums:?}");
         assert_eq!((cpu.gpu_passes(), card.gpu_passes()), (0, 1), "{name}");
-        for class in [PathClass::Emitted, PathClass::Direct] {
+        for class in [PathClass::Emitted, PathClass::Specular, PathClass::Direct] {
             let [of_cpu, of_card] = [&cpu, &card].map(|drawn| drawn.film().layer(class));
             let others = of_cpu.iter().zip(&of_card).filter(|(a, b)| off_rgb(**a, **b, DARKEST) > OFF_MAX);
             assert!(others.count() <= 2, "{name}: {class:?}");

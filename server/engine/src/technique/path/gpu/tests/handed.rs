@@ -295,10 +295,13 @@ fn hostile_paths_are_not_followed() {
         path
     };
     for word in [0, 1, u32::MAX, f32::INFINITY.to_bits(), f32::NAN.to_bits(), 1.0_f32.to_bits()] {
-        assert_eq!(follow(&tracer, &[hostile(4, word)], |_| Some(0)).len(), 0, "no class");
-        assert_eq!(follow(&tracer, &[hostile(3, word)], |_| None).len(), 0, "no slot");
-        for followed in follow(&tracer, &[hostile(3, word)], |_| Some(0)) {
-            assert_eq!(followed.slot, word as usize);
+        let no_class = PathClass::COUNT as u32;
+        assert_eq!(follow(&tracer, &[hostile(no_class, word)], |_| Some(0)).len(), 0, "no class");
+        for class in PathClass::ALL.map(|class| class as u32) {
+            assert_eq!(follow(&tracer, &[hostile(class, word)], |_| None).len(), 0, "no slot");
+            for followed in follow(&tracer, &[hostile(class, word)], |_| Some(0)) {
+                assert_eq!(followed.slot, word as usize);
+            }
         }
     }
 }

@@ -69,8 +69,10 @@ pub(super) fn looked_up_alike(name: &str, cpu: &Pass, card: &Pass, unshadowed: &
         // What is hidden is taken from all that is known.
         let of = a_known.max_component().max(secondary(unshadowed).max_component());
         let off = if difference == 0.0 { 0.0 } else { difference / of };
-        let sampled_off =
-            (0..2).map(|class| off_rgb(a.radiance[class], b.radiance[class], 1e-3)).fold(0.0, f32::max);
+        let sampled_off = [0, 1, 4]
+            .map(|class| off_rgb(a.radiance[class], b.radiance[class], 1e-3))
+            .into_iter()
+            .fold(0.0, f32::max);
         if sampled_off > OFF_MAX || !(off <= LOOKED_UP_OFF_MAX) {
             others += 1;
             continue;

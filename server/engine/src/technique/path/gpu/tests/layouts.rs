@@ -334,10 +334,12 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
             albedo_green,
             indirect,
             albedo_blue,
-            normal,
+            specular,
             is_shining,
-            beyond_albedo,
+            normal,
             beyond_normal,
+            beyond_albedo,
+            padding_0,
         }
     );
     assert_same_layout!(
@@ -401,7 +403,11 @@ fn structs_of_paths_lie_alike_in_rust_and_wgsl() {
     ] {
         assert_eq!(numbers[name], word(at), "{name}");
     }
-    assert_eq!(numbers["EMITTED"], f64::from(PathClass::Emitted as u32));
+    for (name, class) in ["EMITTED", "BY_SPECULAR"].into_iter().zip(PathClass::SEEN) {
+        assert_eq!(numbers[name], f64::from(class as u32), "{name}");
+        let of_class = [offset_of!(GpuPixelSample, emitted), offset_of!(GpuPixelSample, specular)];
+        assert!(of_class.contains(&(offset_of!(GpuPixelSample, direct) * class as usize)), "{name}");
+    }
     assert_eq!(numbers["CLASS_COUNT"], PathClass::COUNT as f64);
     let [red, green, blue] = [
         offset_of!(GpuPixelSample, albedo_red),
@@ -473,7 +479,8 @@ fn numbers_are_the_same_in_rust_and_wgsl() {
     ] {
         assert_eq!(numbers[name], f64::from(value), "{name}");
     }
-    for (name, class) in ["EMITTED", "DIRECT", "CAUSTIC", "INDIRECT"].into_iter().zip(PathClass::ALL) {
+    let classes = ["EMITTED", "DIRECT", "CAUSTIC", "INDIRECT", "BY_SPECULAR"];
+    for (name, class) in classes.into_iter().zip(PathClass::ALL) {
         assert_eq!(numbers[name], f64::from(class as u32), "{name}");
     }
     let slots = [

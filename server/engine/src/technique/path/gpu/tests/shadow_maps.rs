@@ -246,7 +246,7 @@ fn shadows_by_maps_are_those_by_rays_but_for_edges() {
                 DAffine3::from_scale(DVec3::splat(scale)) * DAffine3::from_translation(DVec3::splat(offset));
             let mut shot = of_direct(transformed(&scene, place, scale), size(120, 90));
             if name == "pane" {
-                let traced = PathClasses::EMITTED_AND_DIRECT;
+                let traced = PathClasses::SEEN_AND_DIRECT;
                 shot.settings = PathSettings { traced, ..PathSettings::all(Some(3), 1) };
             }
             let scene = on_card(&gpu, &shot);
