@@ -5,7 +5,8 @@ use rayon::prelude::*;
 use super::{
     MeasuredError, PictureSize,
     measured::{Around, Beside, of_pixels},
-    weights::{Found, Weights},
+    standing::Found,
+    weights::Weights,
 };
 use crate::math::Rgb;
 

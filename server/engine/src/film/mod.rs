@@ -3,7 +3,7 @@
 //! A film is a row of [`Tile`]s that techniques fill in parallel, one pass (one sample per pixel) at a time.
 //! Out of it come the picture, its layers by path class, the first hit's albedo, normal and depth, the
 //! variance per pixel and the measured error: of its noise in `measured.rs`, bias included in `gauged.rs`, relative to what
-//! `weights.rs` says of the truth. `denoise.rs` takes noise off a film of looked-up light, `picture.rs` blends a film of looked-up light with one that is path-traced,
+//! `standing.rs` and `weights.rs` say of the truth. `denoise.rs` takes noise off a film of looked-up light, `picture.rs` blends a film of looked-up light with one that is path-traced,
 //! `error.rs` is the metric of the contract against a reference, `tone_map.rs` turns radiance into what a screen shows.
 //! Imports `math`, `scene` and `transport` only. The tiling and the separation of sums from display follow
 //! pbrt's film; the two independent halves are those of [Rousselle2012].
@@ -14,6 +14,7 @@ mod gauged;
 mod measured;
 mod picture;
 mod pixel;
+mod standing;
 mod tile;
 mod tone_map;
 mod weights;

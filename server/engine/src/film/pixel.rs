@@ -288,6 +288,6 @@ impl Pixel {
 }
 
 /// Rec.709 luminance in double precision.
-fn luminance([r, g, b]: [f64; 3]) -> f64 {
+pub(super) fn luminance([r, g, b]: [f64; 3]) -> f64 {
     0.2126 * r + 0.7152 * g + 0.0722 * b
 }

@@ -12,7 +12,8 @@
 
 use super::{
     gauged::{GaugedPixel, Shown},
-    measured::{Around, is_another},
+    measured::Around,
+    standing::Standing,
 };
 
 /// Fewest pixels of a group.
@@ -21,62 +22,18 @@ const GROUP_LEAST: usize = 8;
 const GROUPS_MOST: usize = 64;
 /// Square of the number of standard deviations at which half of a group's difference is believed.
 const CHANCE: f64 = 4.0;
-/// Square of that from which on what a single pixel found is believed at all: its noise would weigh itself. At 2, and in shares, a
-/// picture that was right read 25 % with 16 samples of which one in five found light.
-const PIXELS_CHANCE: f64 = 9.0;
-
-/// A pixel's find is known by its own samples once its mean is as many times its deviation as the root of this: by some that found
-/// light, not by one or none. Before, its noise is taken for that of all pixels: at a hundredth of the light's pixels, each finding
-/// light with one sample in fifty, a right picture would read 100 % and more.
-const EVIDENT: f64 = 16.0;
-
-/// Where the picture shows detail, a pixel may be off the mean around it by so many times the variance of that, as they are themselves, and
-/// what it found is no surprise …
-const DETAIL: f64 = 4.0;
-/// … and known by its own samples from a lower multiple on: what is around says little there. (A screen of small bright squares on black, by
-/// octree and `auto` for 3 s: with the bounds above, what lies between read so much too little that of 10 to 12 % errors of 8 to 9
-/// were told.)
-const EVIDENT_IN_DETAIL: f64 = 4.0;
-
 /// Share of a group's difference that is believed, as more than chance: with z in standard deviations z⁴ / (z⁴ + 4²).
 fn belief(difference: f64, variance: f64) -> f64 {
     let (signal, noise) = (difference.powi(4), (CHANCE * variance).powi(2));
     if signal > 0.0 { signal / (signal + noise) } else { 0.0 }
 }
 
-/// One channel of a gauged pixel and what it is to be weighed by.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Standing {
-    /// What the picture shows around, corrected by the pixel's groups.
-    around: f64,
-    /// Variance of what it shows around, over the square of its mean.
-    contrast: f64,
-    /// What it shows in the pixel itself.
-    at: f64,
-    /// Relative standard deviation of that correction.
-    doubt: f64,
-    /// Relative variance of what a pixel finds, as usual: few samples of one may have found no light at all, and agree on that.
-    usual: f64,
-    /// The same of the mean over all, which counts where its own samples say little.
-    typical: f64,
-    /// 0.01·m̄², m̄ the mean of the truth.
-    floor: f64,
-}
-
-/// What some samples of a pixel say of one channel.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Found {
-    pub(super) mean: f64,
-    /// Of the mean.
-    pub(super) variance: f64,
-    /// Their share in the pixel's samples.
-    pub(super) samples_share: f64,
-}
-
 /// Standings of all gauged pixels.
 #[derive(Debug)]
 pub(super) struct Weights {
     standings: Vec<[Standing; 3]>,
+    /// Relative standard deviation of what each shows around, by that of the correction.
+    doubts: Vec<[f64; 3]>,
     /// Group of each pixel.
     groups: Vec<usize>,
     group_count: usize,
@@ -120,7 +77,6 @@ impl Weights {
                 around: one.shown[c],
                 contrast: contrast_of(&shown[one.place].around, c),
                 at: shown[one.place].at[c],
-                doubt: one.doubt[c],
                 usual: usual[c] / pixels[one.place].times,
                 typical: typical[c] / pixels[one.place].times,
                 floor,
@@ -128,6 +84,7 @@ impl Weights {
         };
         Weights {
             standings: sightings.iter().map(standing).collect(),
+            doubts: sightings.iter().map(|one| one.doubt).collect(),
             groups: sightings.iter().map(|one| one.group).collect(),
             group_count,
             mean_doubt,
@@ -155,46 +112,13 @@ impl Weights {
                 let moved = |factor: f64| 0.5 * (times(1.0 / factor, 1.0) - times(factor, 1.0));
                 let share = pixel.weight * squared / 3.0;
                 // Channels of one pixel are of the same light: a group is right or wrong in all of them.
-                by_group[self.groups[place]] += share * moved(1.0 + standing.doubt);
+                by_group[self.groups[place]] += share * moved(1.0 + self.doubts[place][c]);
                 let factor = 1.0 + self.mean_doubt;
                 by_mean += share * 0.5 * (times(1.0, 1.0 / factor) - times(1.0, factor));
             }
         }
         let squares = by_group.iter().map(|change| change * change).sum::<f64>() + by_mean * by_mean;
         squares.sqrt() / pixels.len() as f64
-    }
-}
-
-impl Standing {
-    /// One over what stands for the square of the truth, R² + 0.01·m̄²: R is what the picture shows around, corrected, and, as far
-    /// as that is surely wrong or the picture shows as much detail there, what was `found` in its place.
-    pub(super) fn weight(&self, found: Option<Found>) -> f64 {
-        let Some(found) = found else { return 1.0 / (self.around * self.around + self.floor) };
-        // What seldom finds light may agree with itself by chance alone.
-        let is_evident = found.variance * EVIDENT <= found.mean * found.mean;
-        let least = if is_evident { self.usual } else { self.typical.max(self.usual) } / found.samples_share;
-        let off = found.mean - self.around;
-        let noise = found.variance.max(least * self.around * self.around);
-        let chance = PIXELS_CHANCE * noise;
-        let by_pixel =
-            if off * off > chance { self.around + off * (1.0 - chance / (off * off)) } else { self.around };
-        // Where the picture agrees with the pixel's samples that it is another light than around, and not by chance, these count.
-        let is_agreed = is_evident && is_another(self.around, [self.at, found.mean]);
-        if is_agreed {
-            return 1.0 / (found.mean * found.mean + self.floor);
-        }
-        let detail = self.contrast * self.around * self.around;
-        if off * off >= DETAIL * detail {
-            return 1.0 / (by_pixel * by_pixel + self.floor);
-        }
-        // Light and dark lie side by side: what is around does not say which it is.
-        let is_known = found.mean > 0.0 && found.variance * EVIDENT_IN_DETAIL <= found.mean * found.mean;
-        let own = found.variance.max(self.usual / found.samples_share * found.mean * found.mean);
-        let noise = if is_known { own } else { noise };
-        let share = detail / (detail + noise);
-        let truth = self.around + share * off;
-        // Of a number x with the variance v, here share² · noise, 1 / (x² + 3 v) has the mean that 1 / x² has without, to the first order.
-        1.0 / (truth * truth + 3.0 * share * (1.0 - share) * detail + self.floor)
     }
 }
 
