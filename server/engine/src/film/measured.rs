@@ -6,7 +6,7 @@ use super::{
     Film, PictureSize,
     error::trimmed_mean,
     pixel::Pixel,
-    standing::{self, weighed},
+    standing::{self, relative, standing, weighed},
 };
 use crate::math::{
     Rgb,
@@ -75,6 +75,46 @@ pub const BLACK_PASSES: u32 = 64;
 /// The noise of a film. `None` when the halves of a tile hold fewer than two passes, or all is black and they hold fewer than
 /// [`BLACK_PASSES`].
 pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
+    measure_with(film, |seen| {
+        let variance = film.image(0.0, Pixel::variance_of_mean);
+        let width = film.size().width() as usize;
+        let weights =
+            standing::weights((&seen.shown, &variance), |index| seen.halves(index), width, seen.mean);
+        seen.squared.par_iter().zip(weights).map(|(squared, weights)| weighed(*squared, weights)).collect()
+    })
+}
+
+/// The same in a third of the time, for what is decided by it again and again and never told: pixels count by what is around, whatever detail
+/// there is. (With [`measure`] in its place pictures by `auto` had 6 % fewer rays after 5 s.)
+pub(super) fn measure_roughly(film: &Film) -> Option<MeasuredError> {
+    measure_with(film, |seen| {
+        let around = neighbourhood_mean(&seen.shown, film.size().width() as usize);
+        let of_pixel = |index: usize| {
+            relative(seen.squared[index], standing(around[index], seen.halves(index)), seen.mean)
+        };
+        (0..seen.shown.len()).into_par_iter().map(of_pixel).collect()
+    })
+}
+
+/// What a film shows, by pixel.
+struct SeenFilm {
+    shown: Vec<[f64; 3]>,
+    /// Squared error of that, by its halves.
+    squared: Vec<[f64; 3]>,
+    /// Over pixels and channels, more than zero.
+    mean: f64,
+}
+
+impl SeenFilm {
+    /// What the halves say: half of their difference is the root of the error.
+    fn halves(&self, index: usize) -> [[f64; 3]; 2] {
+        let (shown, squared) = (self.shown[index], self.squared[index]);
+        [-1.0, 1.0].map(|way: f64| std::array::from_fn(|c| shown[c] + way * squared[c].sqrt()))
+    }
+}
+
+/// - `errors`: relative squared errors of the pixels
+fn measure_with(film: &Film, errors: impl FnOnce(&SeenFilm) -> Vec<f64>) -> Option<MeasuredError> {
     let passes = film.halves_passes_min();
     if passes < 2 {
         return None;
@@ -85,16 +125,8 @@ pub(super) fn measure(film: &Film) -> Option<MeasuredError> {
     if mean <= 0.0 {
         return (passes >= BLACK_PASSES).then_some(MeasuredError::NONE);
     }
-    let variance = film.image(0.0, Pixel::variance_of_mean);
-    // What its halves say: half of their difference is the root of the error.
-    let halves = |index: usize| {
-        let (shown, squared) = (shown[index], squared[index]);
-        [-1.0, 1.0].map(|way: f64| std::array::from_fn(|c| shown[c] + way * squared[c].sqrt()))
-    };
-    let weights = standing::weights((&shown, &variance), halves, film.size().width() as usize, mean);
     // Sums are taken in one order, one after the other: the figure does not depend on the threads.
-    let mut errors: Vec<f64> =
-        squared.into_par_iter().zip(weights).map(|(squared, weights)| weighed(squared, weights)).collect();
+    let mut errors = errors(&SeenFilm { shown, squared, mean });
     let (rel_mse, standard_error) = mean_and_standard_error(&errors);
     Some(MeasuredError {
         rel_mse,

@@ -223,7 +223,7 @@ impl Film {
     }
 
     /// The error of the picture shown now, measured from its two independent halves; `None` below two
-    /// passes anywhere and below 64 of a picture that is black all over. Takes some 0.1 µs a pixel:
+    /// passes anywhere and below 64 of a picture that is black all over. Takes some 0.3 µs a pixel:
     /// ask a few times a second, not for every frame.
     pub fn measured_error(&self) -> Option<MeasuredError> {
         if self.tiles.iter().any(|tile| tile.held().before_halves > 0) {
@@ -233,10 +233,10 @@ impl Film {
         measured::measure(self)
     }
 
-    /// The noise of what was sampled since scattered light was last replaced, as relMSE, and
-    /// over how many passes; `None` below two.
+    /// The noise of what was sampled since scattered light was last replaced, as relMSE, and over how many passes; `None` below two. For
+    /// deciding by it: fine detail is measured by what is around it.
     pub fn noise(&self) -> Option<(MeasuredError, u32)> {
-        Some((measured::measure(self)?, self.halves_passes_min()))
+        Some((measured::measure_roughly(self)?, self.halves_passes_min()))
     }
 
     /// Passes that the sums of a class of light hold, where those are fewest: since it was replaced, and those that it counts for from before.
